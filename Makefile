@@ -1,0 +1,61 @@
+# cabols: `make demo` and `make test` set up what they need and run. Options:
+#   PYTHON=/path/to/python3.11   the Python to make .venv with (3.10 to 3.13; default: found)
+#   ARGS="..."                   more arguments for demo, test and the benchmarks
+
+# What a sourced ROS workspace leaves in the shell would mix with .venv.
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
+unexport PYTHONHOME RMW_IMPLEMENTATION ROS_DISTRO _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# Nothing here is meant for other machines on the network.
+export ROS_AUTOMATIC_DISCOVERY_RANGE = LOCALHOST
+
+HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 python3.10 "$$PYTHON"; \
+	do command -v "$$name" && break; done)
+BIN = .venv/bin
+
+.PHONY: help demo test lint format bench bench-tension bench-simulation bench-realtime setup lock clean
+.NOTPARALLEL:
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/\1|\2/p' Makefile | while IFS='|' read -r target text; \
+	do printf '  make %-18s %s\n' "$$target" "$$text"; done
+
+demo: setup  ## run the simulated rig and leave its report in build/demo
+	@.venv/lib/cabols_sim/demo $(ARGS)
+
+test: setup  ## run the tests
+	@$(BIN)/python -m pytest $(ARGS)
+
+lint: setup  ## check style and types
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+format: setup  ## mend style where a tool can
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+bench: bench-tension bench-simulation bench-realtime  ## run all benchmarks into build/bench
+
+bench-tension: setup  ## time the tension distribution
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_tension.py $(ARGS)
+
+bench-simulation: setup  ## time the simulated rig against the wall clock
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_simulation.py $(ARGS)
+
+bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_realtime.py $(ARGS)
+
+setup:  ## make .venv and build the workspace into it (done by the others when needed)
+	@test -n "$(HOST_PYTHON)" || { echo "setup: no Python found." \
+		"Install: sudo apt install python3 python3-venv python3-dev" >&2; exit 1; }
+	@"$(HOST_PYTHON)" tools/setup_workspace.py
+
+lock:  ## renew requirements.lock (maintainers; needs Python 3.10 to 3.13)
+	@python3 tools/make_lock.py python3.11 python3.12 python3.13 python3.10
+
+clean:  ## remove .venv, build and caches
+	@rm -rf .venv build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
