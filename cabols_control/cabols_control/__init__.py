@@ -1,0 +1,1 @@
+"""Control of cable-driven loading simulators."""

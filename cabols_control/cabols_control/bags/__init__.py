@@ -1,0 +1,1 @@
+"""Rosbags on disk: writing, recovering, reading."""

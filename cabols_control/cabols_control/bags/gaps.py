@@ -1,0 +1,51 @@
+"""Counting lost messages from publication numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class Gaps:
+    """Counts the publications missing on one topic, which may have several publishers.
+
+    Every publisher numbers its own messages from 1, but a message does not tell whose it is. A
+    number that continues one of the known sequences belongs to that one; another number begins a
+    new sequence as long as there are publishers without one, and is a gap otherwise.
+
+    Attributes:
+        lost: publications missing between those that came.
+    """
+
+    def __init__(self, publishers: Callable[[], int]) -> None:
+        """Begin.
+
+        Args:
+            publishers: returns the present number of publishers; asked only when a number does
+                not continue a sequence.
+        """
+        self._publishers = publishers
+        self._newest: list[int] = []
+        self.lost = 0
+
+    def add(self, number: int) -> None:
+        """Take the publication number of the next message."""
+        newest = self._newest
+        try:
+            newest[newest.index(number - 1)] = number
+        except ValueError:
+            self._break(number)
+
+    def _break(self, number: int) -> None:
+        earlier = [last for last in self._newest if last < number]
+        if number == 1 or not earlier or len(self._newest) < self._publishers():
+            self._begin(number)
+            return
+        nearest = max(earlier)
+        self.lost += number - nearest - 1
+        self._newest[self._newest.index(nearest)] = number
+
+    def _begin(self, number: int) -> None:
+        """Start a sequence; the oldest ones make room: their publishers may be gone."""
+        self._newest.append(number)
+        if len(self._newest) > max(1, self._publishers()):
+            del self._newest[0]

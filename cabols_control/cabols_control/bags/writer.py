@@ -1,0 +1,249 @@
+"""Writing rosbag2 folders with one MCAP file that survives a kill of its writer."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from pathlib import Path
+from types import TracebackType
+
+from mcap.writer import CompressionType, Writer
+
+from cabols_control.bags.definitions import Definition, Definitions
+from cabols_control.bags.errors import BagError
+from cabols_control.bags.metadata import OfferedQos, Summary, TopicSummary, write_metadata
+from cabols_control.bags.names import absolute
+
+METADATA_NAME = "cabols"
+TEMPORARY_SUFFIX = ".recovering"
+LIBRARY = "cabols_control"
+
+
+class McapFile:
+    """An MCAP file with ROS 2 channels, and the sums that metadata.yaml wants.
+
+    Attributes:
+        summary: see Summary.
+    """
+
+    def __init__(self, path: Path, file_name: str, replace: bool = False) -> None:
+        """Create the file and lock it against `recover`.
+
+        Args:
+            path: of the file.
+            file_name: under which metadata.yaml is to know it.
+            replace: whether an existing file is overwritten.
+        """
+        self.summary = Summary(file_name)
+        self._stream = path.open("wb" if replace else "xb")
+        with contextlib.suppress(OSError):  # not every file system has locks
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library=LIBRARY)
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._topics: dict[int, TopicSummary] = {}
+
+    def add_metadata(self, name: str, content: dict[str, str]) -> None:
+        """Write a metadata record at once."""
+        self._writer.add_metadata(name, content)
+        self._stream.flush()
+
+    def add_channel(self, topic: str, definition: Definition, qos_text: str) -> int:
+        """Add a channel and return its number; qos_text is a YAML list of profiles."""
+        key = (definition.type_name, definition.text)
+        if key not in self._schemas:
+            self._schemas[key] = self._writer.register_schema(
+                definition.type_name, "ros2msg", definition.text.encode()
+            )
+        metadata = {"offered_qos_profiles": qos_text, "topic_type_hash": definition.type_hash}
+        channel = self._writer.register_channel(topic, "cdr", self._schemas[key], metadata)
+        entry = TopicSummary(topic, definition.type_name, definition.type_hash, qos_text)
+        self._topics[channel] = entry
+        self.summary.topics.append(entry)
+        return channel
+
+    def add_message(
+        self, channel: int, log_time_ns: int, publish_time_ns: int, data: bytes, sequence: int = 0
+    ) -> None:
+        """Add one message to the chunk in progress."""
+        self._writer.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
+        summary = self.summary
+        if summary.start_ns is None or log_time_ns < summary.start_ns:
+            summary.start_ns = log_time_ns
+        if log_time_ns > summary.end_ns:
+            summary.end_ns = log_time_ns
+        self._topics[channel].messages += 1
+
+    def flush(self) -> None:
+        """End the chunk and hand it to the kernel: from then on it survives kill -9."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def finish(self, sync: bool = False) -> None:
+        """Write index and footer; with sync, the disk itself has them on return."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._stream.flush()
+        if sync:
+            os.fsync(self._stream.fileno())
+        self._stream.close()
+
+    def abandon(self) -> None:
+        """Close without index, as a kill would leave it."""
+        with contextlib.suppress(OSError):
+            self._stream.close()
+
+
+class BagWriter:
+    """A bag that is being recorded. Not for several threads at once."""
+
+    def __init__(self, folder: str | Path, metadata: dict[str, str]) -> None:
+        """Create the folder and the file.
+
+        Args:
+            folder: of the bag; new or empty.
+            metadata: free text by key; at once in an MCAP metadata record named `cabols`, at the
+                end in metadata.yaml's custom_data.
+
+        Raises:
+            BagError: if there is something already, or it cannot be created.
+        """
+        self.folder = Path(folder)
+        self._metadata = dict(metadata)
+        self._definitions = Definitions()
+        self._channels: dict[str, int] = {}
+        make_folder(self.folder)
+        name = mcap_name(self.folder)
+        self.path = self.folder / name
+        try:
+            self._file = McapFile(self.path, name)
+            self._file.add_metadata(METADATA_NAME, self._metadata)
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def add_topic(self, topic: str, type_name: str, qos: OfferedQos | None = None) -> None:
+        """Add a topic before its first message.
+
+        Args:
+            topic: absolute, or relative to /cabols.
+            type_name: e.g. `cabols_msgs/msg/LimbState`.
+            qos: with which it is published.
+
+        Raises:
+            BagError: if the topic is there already or no definition of the type is found.
+        """
+        name = absolute(topic)
+        if name in self._channels:
+            raise BagError(f"{name}: expected a new topic, got it twice; add it once")
+        definition = self._definitions.get(type_name)
+        self._channels[name] = self._file.add_channel(
+            name, definition, (qos or OfferedQos()).text()
+        )
+
+    def write(
+        self,
+        topic: str,
+        log_time_ns: int,
+        publish_time_ns: int,
+        data: bytes,
+        sequence: int = 0,
+    ) -> None:
+        """Add one serialised message.
+
+        Args:
+            topic: as given to add_topic.
+            log_time_ns: when it was received.
+            publish_time_ns: when it was published.
+            data: CDR, with its 4-byte header.
+            sequence: publication number; 0: unknown.
+
+        Raises:
+            BagError: for an unknown topic or if the disk refuses.
+        """
+        name = absolute(topic)
+        if name not in self._channels:
+            known = ", ".join(self._channels) or "none"
+            raise BagError(f"{name}: expected a topic of this bag ({known}); call add_topic first")
+        try:
+            self._file.add_message(
+                self._channels[name], log_time_ns, publish_time_ns, data, sequence & 0xFFFFFFFF
+            )
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def flush(self) -> None:
+        """Save all that was written so far against kill -9 (not against a power cut).
+
+        Raises:
+            BagError: if the disk refuses.
+        """
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def close(self) -> None:
+        """Complete the bag.
+
+        Raises:
+            BagError: if the disk refuses; `recover` then saves what was flushed.
+        """
+        try:
+            self._file.finish()
+            write_metadata(self.folder, self._file.summary, self._metadata)
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def abandon(self) -> None:
+        """Give up without completing, after a failure; `recover` can mend the bag."""
+        self._file.abandon()
+
+    @property
+    def messages(self) -> dict[str, int]:
+        """Number of messages by absolute topic."""
+        return {topic.name: topic.messages for topic in self._file.summary.topics}
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+    def _failure(self, error: OSError) -> BagError:
+        return BagError(
+            f"{self.folder}: expected to write the bag, got {error.strerror or error}; see to the "
+            f"disk, then run `ros2 run cabols_control recover {self.folder}` for what was saved"
+        )
+
+
+def mcap_name(folder: Path) -> str:
+    """Name of a bag's only file, as rosbag2 would call it."""
+    return f"{folder.resolve().name}_0.mcap"
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder for a new bag.
+
+    Raises:
+        BagError: if it holds something already or cannot be created.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        there = sorted(p.name for p in folder.iterdir() if p.suffix != TEMPORARY_SUFFIX)
+    except OSError as error:
+        raise BagError(
+            f"{folder}: expected to create a folder for the bag, got {error.strerror}; "
+            "name another one"
+        ) from error
+    if there:
+        raise BagError(
+            f"{folder}: expected a new or empty folder for the bag, got one with "
+            f"{', '.join(there[:3])}; name another one or remove it"
+        )

@@ -1,0 +1,72 @@
+"""Guards for arguments; written so that NaN fails."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cabols_control.errors import OutOfRangeError, ShapeError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return value as a C-contiguous float array of the given shape.
+
+    Args:
+        name: what the caller calls it, for the message.
+        value: array-like of numbers.
+        shape: expected shape; None stands for any length.
+
+    Raises:
+        ShapeError: if it is not numeric, not of that shape or not finite.
+    """
+    expected = "(" + ", ".join("n" if size is None else str(size) for size in shape) + ")"
+    try:
+        array = np.ascontiguousarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected numbers of shape {expected}, got {value!r}") from error
+    fits = array.ndim == len(shape) and all(
+        size is None or size == actual for size, actual in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        turned = array.ndim == len(shape) == 2 and all(
+            size is None or size == actual
+            for size, actual in zip(shape, array.shape[::-1], strict=True)
+        )
+        hint = "; transpose?" if turned else ""
+        raise ShapeError(f"{name}: expected shape {expected}, got {array.shape}{hint}")
+    if not np.isfinite(array).all():
+        where = np.argwhere(~np.isfinite(array))[0]
+        index = ", ".join(str(int(i)) for i in where)
+        raise ShapeError(f"{name}: expected finite numbers, got {array[tuple(where)]} at [{index}]")
+    return array
+
+
+def in_range(name: str, value: float, lower: float, upper: float) -> float:
+    """Return value as a float if lower <= value <= upper.
+
+    Raises:
+        OutOfRangeError: otherwise, NaN included.
+    """
+    if not lower <= value <= upper:
+        raise OutOfRangeError(name, value, lower, upper)
+    return float(value)
+
+
+def rotation_matrix(name: str, value: ArrayLike) -> FloatArray:
+    """Return value as a (3, 3) rotation matrix.
+
+    Raises:
+        ShapeError: if it is not (3, 3), finite, orthonormal to 1e-6 and right-handed.
+    """
+    rotation = finite_array(name, value, (3, 3))
+    orthonormal = np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-6
+    if not (orthonormal and np.linalg.det(rotation) > 0.0):
+        raise ShapeError(
+            f"{name}: expected a rotation matrix (orthonormal, determinant +1), "
+            f"got determinant {np.linalg.det(rotation):.6g}; normalise the orientation first"
+        )
+    return rotation

@@ -1,0 +1,26 @@
+"""What cabols raises when an argument or a file is wrong: expected, came, what to do."""
+
+from __future__ import annotations
+
+
+class CabolsError(ValueError):
+    """Base of all errors that cabols raises on bad input."""
+
+
+class ShapeError(CabolsError):
+    """An array has another shape than the function needs, or is not finite."""
+
+
+class OutOfRangeError(CabolsError):
+    """A number lies outside its limits (NaN does, too)."""
+
+    def __init__(self, name: str, value: float, lower: float, upper: float) -> None:
+        super().__init__(f"{name}: expected {lower:g} to {upper:g}, got {value!r}")
+
+
+class ConfigError(CabolsError):
+    """A configuration file cannot be used; the message names the file and the key."""
+
+
+class DegenerateGeometryError(ConfigError):
+    """The points of a rig cannot carry a 6-DOF wrench."""

@@ -1,0 +1,143 @@
+"""Rig geometry: where the cables leave the frame and where they hold the platform."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic.dataclasses import dataclass as config_dataclass
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import FloatArray, finite_array, rotation_matrix
+from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.errors import ConfigError, DegenerateGeometryError, ShapeError
+from cabols_control.kinematics import cable_lengths_unchecked, structure_matrix_unchecked
+
+MIN_CABLES = 6
+MIN_CABLE_LENGTH_M = 1e-3
+MAX_CONDITION = 1e6
+"""Above this condition number (lengths scaled by the platform's radius) a rig is degenerate."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigGeometry:
+    """Attachment points of n >= 6 cables and the pose that the rig is built around.
+
+    Attributes:
+        base_points: (n, 3) A_i, in the base frame {0} [m].
+        platform_points: (n, 3) b_i, in the platform frame {p} [m].
+        reference_position: (3,) of the platform's origin, in the base frame [m].
+        reference_rotation: (3, 3) from platform to base axes at the reference pose.
+        base_frame: name of {0} in message headers.
+        platform_frame: name of {p} in message headers.
+    """
+
+    base_points: FloatArray
+    platform_points: FloatArray
+    reference_position: FloatArray
+    reference_rotation: FloatArray
+    base_frame: str = "rig_base"
+    platform_frame: str = "platform"
+
+    @property
+    def cables(self) -> int:
+        """Number n of cables."""
+        return int(self.base_points.shape[0])
+
+    @property
+    def platform_radius(self) -> float:
+        """Mean distance of the platform points from the platform's origin [m]."""
+        return float(np.linalg.norm(self.platform_points, axis=1).mean())
+
+    def __post_init__(self) -> None:
+        """Check shapes, finiteness and that the points can carry a 6-DOF wrench."""
+        set_field = object.__setattr__
+        set_field(self, "base_points", finite_array("base_points", self.base_points, (None, 3)))
+        n = self.cables
+        if n < MIN_CABLES:
+            raise ShapeError(f"base_points: expected at least {MIN_CABLES} cables, got {n}")
+        set_field(
+            self,
+            "platform_points",
+            finite_array("platform_points", self.platform_points, (n, 3)),
+        )
+        position = finite_array("reference_position", self.reference_position, (3,))
+        set_field(self, "reference_position", position)
+        rotation = rotation_matrix("reference_rotation", self.reference_rotation)
+        set_field(self, "reference_rotation", rotation)
+        for array in (self.base_points, self.platform_points, position, rotation):
+            array.setflags(write=False)
+        self._check_not_degenerate()
+
+    def _check_not_degenerate(self) -> None:
+        pose = (self.reference_position, self.reference_rotation)
+        lengths = cable_lengths_unchecked(self.base_points, self.platform_points, *pose)
+        if not lengths.min() >= MIN_CABLE_LENGTH_M:
+            raise DegenerateGeometryError(
+                f"cable {int(lengths.argmin())}: expected at least {MIN_CABLE_LENGTH_M} m between "
+                f"its points at the reference pose, got {lengths.min():.3g} m"
+            )
+        matrix = structure_matrix_unchecked(self.base_points, self.platform_points, *pose)
+        matrix[3:] /= max(self.platform_radius, 1e-9)
+        singular = np.linalg.svd(matrix, compute_uv=False)
+        if not singular[-1] * MAX_CONDITION >= singular[0]:
+            raise DegenerateGeometryError(
+                "geometry: expected a structure matrix of rank 6 at the reference pose, got "
+                f"singular values {np.array2string(singular, precision=3)}; the cables leave one "
+                "direction of force or torque without support (do all swirl the same way?)"
+            )
+
+
+@config_dataclass(frozen=True, config=STRICT)
+class _Pose:
+    position: list[float]
+    rotation_xyz_deg: list[float]
+
+
+@config_dataclass(frozen=True, config=STRICT)
+class _GeometryFile:
+    reference_pose: _Pose
+    base_points: list[list[float]]
+    platform_points: list[list[float]]
+    base_frame: str = "rig_base"
+    platform_frame: str = "platform"
+
+
+def load_geometry(path: str | Path | None = None) -> RigGeometry:
+    """Read a rig's geometry from YAML.
+
+    Args:
+        path: file with `reference_pose` (position [m], rotation_xyz_deg: intrinsic x-y-z Euler
+            angles), `base_points` and `platform_points` (a row [x, y, z] per cable [m]);
+            None for the reference bench (chosen by this project: the source publishes none).
+
+    Returns:
+        The checked geometry.
+
+    Raises:
+        ConfigError: if the file cannot be used; the message names file, key and reason.
+    """
+    source = Path(path) if path is not None else packaged("cabols_control", "bench_geometry.yaml")
+    content = load_config(_GeometryFile, source)
+    try:
+        angles = finite_array("rotation_xyz_deg", content.reference_pose.rotation_xyz_deg, (3,))
+        return RigGeometry(
+            base_points=_rows("base_points", content.base_points),
+            platform_points=_rows("platform_points", content.platform_points),
+            reference_position=finite_array("position", content.reference_pose.position, (3,)),
+            reference_rotation=Rotation.from_euler("XYZ", angles, degrees=True).as_matrix(),
+            base_frame=content.base_frame,
+            platform_frame=content.platform_frame,
+        )
+    except DegenerateGeometryError as error:
+        raise DegenerateGeometryError(f"{source}: {error}") from error
+    except ShapeError as error:
+        raise ConfigError(f"{source}: {error}") from error
+
+
+def _rows(name: str, rows: list[list[float]]) -> FloatArray:
+    for index, row in enumerate(rows):
+        if len(row) != 3:
+            raise ShapeError(f"{name}[{index}]: expected [x, y, z], got {row!r}")
+    return finite_array(name, rows, (None, 3))

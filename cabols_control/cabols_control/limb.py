@@ -1,0 +1,165 @@
+"""Limb models and their identification: step data to (3.11), ramp data to the stiffness k_e."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize_scalar
+
+from cabols_control.checks import FloatArray, finite_array
+from cabols_control.errors import ShapeError
+
+TIME_CONSTANT_RANGE_S = (0.005, 10.0)
+MIN_SAMPLES = 20
+
+
+@dataclass(frozen=True)
+class LimbModel:
+    """Motor, gear and pulley of one limb: wound length / current = k / (s (1 + T s)), (3.11).
+
+    Attributes:
+        gain: k, cable speed per current [m/s/A].
+        time_constant: T [s].
+        fit: 1 - |y - y_hat| / |y - mean(y)| of the identification data, 1 is perfect.
+    """
+
+    gain: float
+    time_constant: float
+    fit: float = 1.0
+
+
+@dataclass(frozen=True)
+class StiffnessFit:
+    """Force/elongation line of one limb, as figure 3.6.
+
+    Attributes:
+        stiffness: k_e, slope [N/m].
+        offset: tension of the fitted line at zero elongation [N].
+        linearity_rms: root mean square of the residual [N].
+        hysteresis: mean difference between loading and unloading branch [N]; NaN without both.
+    """
+
+    stiffness: float
+    offset: float
+    linearity_rms: float
+    hysteresis: float
+
+
+@njit(cache=True)
+def _unit_response(time: FloatArray, current: FloatArray, time_constant: float) -> FloatArray:
+    """Wound length of (3.11) with k = 1, exact for a current held between samples."""
+    response = np.zeros(time.shape[0])
+    speed = 0.0
+    for k in range(time.shape[0] - 1):
+        dt = time[k + 1] - time[k]
+        decay = 1.0 - np.exp(-dt / time_constant)
+        difference = speed - current[k]
+        response[k + 1] = response[k] + current[k] * dt + difference * time_constant * decay
+        speed -= difference * decay
+    return response
+
+
+def step_response(model: LimbModel, time: ArrayLike, current: ArrayLike) -> FloatArray:
+    """Wound length that the model gives for a current held between samples.
+
+    Args:
+        model: limb model.
+        time: (k,) increasing [s].
+        current: (k,) [A].
+
+    Returns:
+        (k,) [m], zero at the first sample, starting at rest.
+    """
+    time_s, current_a = _step_data(time, current)
+    return model.gain * _unit_response(time_s, current_a, model.time_constant)
+
+
+def identify_limb(time: ArrayLike, current: ArrayLike, wound_length: ArrayLike) -> LimbModel:
+    """Fit (3.11) to recorded data, as section 3.4.3 does with a 0.5 A step.
+
+    The gain and an offset are linear in the data and are eliminated (variable projection); one
+    bounded search over the time constant remains. The limb starts at rest; the spring is off.
+
+    Args:
+        time: (k,) increasing [s], at least 20 samples; need not be uniform.
+        current: (k,) motor current, held between samples [A].
+        wound_length: (k,) cable wound in, r theta [m].
+
+    Returns:
+        The model and its fit.
+
+    Raises:
+        ShapeError: on other shapes, non-finite data, time that does not increase, a current
+            that is zero throughout, or a limb that did not move.
+    """
+    time_s, current_a = _step_data(time, current)
+    wound = finite_array("wound_length", wound_length, (time_s.size,))
+    if not np.abs(current_a).max() > 0.0:
+        raise ShapeError("current: expected a step, got zero throughout; was the amplifier on?")
+    if not np.ptp(wound) > 0.0:
+        raise ShapeError("wound_length: expected motion, got a constant; is the encoder connected?")
+
+    def project(log_time_constant: float) -> tuple[float, float, FloatArray]:
+        response = _unit_response(time_s, current_a, float(np.exp(log_time_constant)))
+        regressor = np.column_stack([response, np.ones_like(response)])
+        solution = np.linalg.lstsq(regressor, wound, rcond=None)[0]
+        residual = wound - regressor @ solution
+        return float(residual @ residual), float(solution[0]), residual
+
+    low, high = np.log(TIME_CONSTANT_RANGE_S)
+    grid = np.linspace(low, high, 40)
+    start = int(np.argmin([project(value)[0] for value in grid]))
+    bracket = (grid[max(start - 1, 0)], grid[min(start + 1, grid.size - 1)])
+    found = minimize_scalar(
+        lambda value: project(value)[0], bounds=bracket, method="bounded", options={"xatol": 1e-10}
+    )
+    _, gain, residual = project(found.x)
+    fit = 1.0 - float(np.linalg.norm(residual) / np.linalg.norm(wound - wound.mean()))
+    return LimbModel(gain=gain, time_constant=float(np.exp(found.x)), fit=fit)
+
+
+def _step_data(time: ArrayLike, current: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    time_s = finite_array("time", time, (None,))
+    if time_s.size < MIN_SAMPLES:
+        raise ShapeError(f"time: expected at least {MIN_SAMPLES} samples, got {time_s.size}")
+    if not np.diff(time_s).min() > 0.0:
+        raise ShapeError("time: expected strictly increasing samples; sort or drop repeated ones")
+    return time_s, finite_array("current", current, (time_s.size,))
+
+
+def identify_stiffness(
+    tension: ArrayLike, elongation: ArrayLike, tension_range: tuple[float, float] = (5.0, 150.0)
+) -> StiffnessFit:
+    """Fit tension = k_e elongation + offset to a slow ramp up (and down), as figure 3.6.
+
+    Args:
+        tension: (k,) measured by the force sensor [N].
+        elongation: (k,) measured by the encoder [m].
+        tension_range: only samples between these tensions are used [N]: below, the spring's
+            coils touch and the limb is as stiff as without a spring.
+
+    Returns:
+        Stiffness, offset, linearity and hysteresis (from the two branches, if both are there).
+
+    Raises:
+        ShapeError: on other shapes, non-finite data or fewer than 20 samples in the range.
+    """
+    force = finite_array("tension", tension, (None,))
+    stretch = finite_array("elongation", elongation, (force.size,))
+    used = (force >= tension_range[0]) & (force <= tension_range[1])
+    if int(used.sum()) < MIN_SAMPLES or not np.ptp(stretch[used]) > 0.0:
+        raise ShapeError(
+            f"tension: expected at least {MIN_SAMPLES} samples of a ramp between "
+            f"{tension_range[0]:g} and {tension_range[1]:g} N, got {int(used.sum())}"
+        )
+    regressor = np.column_stack([stretch[used], np.ones(int(used.sum()))])
+    slope, offset = np.linalg.lstsq(regressor, force[used], rcond=None)[0]
+    residual = force[used] - regressor @ (slope, offset)
+    peak = int(np.argmax(force[used]))
+    branches = min(peak, residual.size - peak) >= MIN_SAMPLES
+    hysteresis = float(residual[:peak].mean() - residual[peak:].mean()) if branches else np.nan
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return StiffnessFit(float(slope), float(offset), rms, hysteresis)

@@ -1,0 +1,160 @@
+"""Node: answers each limb_state with motor_current, for all limbs or a subset."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+
+from cabols_control.errors import ConfigError
+from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.modes import OperatingMode
+from cabols_control.ros import topics
+from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
+from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
+from cabols_control.ros.parameters import declare
+from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.warm_up import warm_limbs
+
+MODE_TIMEOUT_S = 0.5
+NO_SUBSET = [-1]
+
+
+class LimbControllerNode(ControlNode):
+    """Thin node around LimbController."""
+
+    def __init__(self) -> None:
+        """Subscribe to limb_state, tension_command and mode; advertise motor_current."""
+        super().__init__("limb_controller")
+        geometry = self.rig.geometry
+        subset = declare(self, "limbs", NO_SUBSET, "limb indices from 0 to drive; [-1]: all")
+        limbs = list(range(geometry.cables)) if list(subset) == NO_SUBSET else list(subset)
+        if not limbs or sorted(set(limbs) & set(range(geometry.cables))) != sorted(limbs):
+            raise ConfigError(
+                f"limbs: expected distinct indices from 0 to {geometry.cables - 1}, got {limbs}"
+            )
+        timeout = declare(
+            self, "command_timeout", 0.0, "s, replaces the control file's; 0: its", (0.0, 0.2)
+        )
+        self._controller = LimbController(self.rig, limbs, timeout or None)
+        qos = control_qos(self.lockstep)
+        state_layout = topics.limb_state_layout(geometry)
+        self._state = Input(self, "limb_state", state_layout, qos)
+        self._command = Input(self, "tension_command", topics.tension_command_layout(geometry), qos)
+        mode_qos = latched_qos(self.lockstep)
+        self._mode = Input(self, "mode", topics.mode_layout(""), mode_qos, every=SLOW_INPUT)
+        layout = topics.motor_current_layout(geometry, len(limbs))
+        self._answer = layout.record()
+        self._answer["limb"][:] = limbs
+        self._output = self.advertise(
+            "motor_current", Output(self, "motor_current", layout.msg_type, qos)
+        )
+        self._cables = np.arange(geometry.cables, dtype=np.uint8)
+        self._expected_limbs = self._cables.tobytes()
+        warm_limbs(self.rig, _sample_of(state_layout.read(state_layout.record().raw()), 0.0))
+        self._loop = ControlLoop(
+            self,
+            self._state,
+            [self._mode, self._command],
+            self._step,
+            self.lockstep,
+        )
+        self._loop.prepare = self.prepare_thread
+
+    def begin(self) -> None:
+        """Start the loop."""
+        self._loop.start()
+
+    def end(self) -> None:
+        """Stop the loop; the last word is zero current."""
+        self._loop.stop()
+        if self.context.ok():
+            self._answer["current"][:] = 0.0
+            self._output.publish(self._answer.raw())
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended the loop."""
+        return self._loop.failure
+
+    def _step(self) -> None:
+        started = time.monotonic()
+        record = self._state.record
+        current = self._controller.step(
+            self._sample(record), self._present_mode(), self._setpoint()
+        )
+        answer = self._answer
+        answer.stamp(self._state.stamp_ns)
+        answer["sequence"][0] = record["sequence"]
+        answer["tension_sequence"][0] = (
+            self._command.record["sequence"] if self._command.record is not None else 0
+        )
+        answer["current"][:] = current
+        answer["saturated"][:] = self._controller.saturated
+        self._output.publish(answer.raw())
+        self.status.work.add(time.monotonic() - started)
+        self.status.lost = self._state.lost
+        self._report()
+
+    def _report(self) -> None:
+        reason = self._controller.fault
+        complete = self._command.count > 0 and self._mode.count > 0
+        state = FAULT if reason else RUNNING if complete else WAITING
+        self.status.cycle(self._state.stamp_ns, state, reason)
+        self.tidy()
+
+    def _sample(self, record: np.void) -> LimbSample:
+        if record["limb"].tobytes() != self._expected_limbs:
+            self._controller.trip(
+                f"limb_state: expected limbs 0 to {self._cables.size - 1} in order, "
+                f"got {record['limb'].tolist()}"
+            )
+        return _sample_of(record, 1e-9 * self._state.stamp_ns)
+
+    def _present_mode(self) -> OperatingMode:
+        if self._state.error:
+            self._controller.trip(self._state.error)
+        if self._mode.record is None:
+            return OperatingMode.STOPPED
+        mode = OperatingMode(int(self._mode.record["mode"]))
+        age = 1e-9 * (self._state.stamp_ns - self._mode.stamp_ns)
+        if mode == OperatingMode.LOADING and not age <= MODE_TIMEOUT_S:
+            self._controller.trip(f"mode is {age:.1f} s old: the supervisor is silent")
+        return mode
+
+    def _setpoint(self) -> TensionSetpoint | None:
+        record = self._command.record
+        if self._command.error:
+            self._controller.trip(self._command.error)
+        if record is None:
+            return None
+        if record["limb"].tobytes() != self._expected_limbs:
+            self._controller.trip(
+                f"tension_command: expected limbs 0 to {self._cables.size - 1} in order, "
+                f"got {record['limb'].tolist()}"
+            )
+        limbs = self._controller.limbs
+        return TensionSetpoint(
+            1e-9 * self._command.stamp_ns, record["tension"][limbs], bool(record["active"])
+        )
+
+
+def _sample_of(record: np.void, stamp_s: float) -> LimbSample:
+    return LimbSample(
+        stamp_s,
+        record["wound_length"],
+        record["elongation"],
+        record["tension"],
+        record["switch_closed"],
+        record["zeroed"],
+    )
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(LimbControllerNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

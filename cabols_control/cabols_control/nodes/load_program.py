@@ -1,0 +1,226 @@
+"""Node: publishes the desired wrenches of a load programme; action run_program."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from typing import Any
+
+from cabols_msgs.action import RunProgram
+from cabols_msgs.srv import SetMode
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+
+from cabols_control.errors import CabolsError
+from cabols_control.modes import OperatingMode
+from cabols_control.programs import BUILT_IN, LoadProgram, load_program
+from cabols_control.ros import topics
+from cabols_control.ros.loop import ControlLoop, Input, Output
+from cabols_control.ros.node import RUNNING, ControlNode, run_node
+from cabols_control.ros.parameters import declare
+from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.ros.ticker import Ticker
+
+FEEDBACK_S = 0.2
+STOP_S = 1.0
+
+
+class LoadProgramNode(ControlNode):
+    """Runs one programme at a time, only in LOADING; leaving LOADING ends it.
+
+    In real time it publishes at its own rate; the wrench controller holds each value, and unloads
+    by itself when none comes any more. In lockstep it answers every wrench.
+    """
+
+    def __init__(self) -> None:
+        """Subscribe to mode (and to wrench, in lockstep); advertise desired_wrench."""
+        super().__init__("load_program")
+        name = declare(
+            self,
+            "program",
+            "",
+            f"run this at the first LOADING: {', '.join(sorted(BUILT_IN))} or a .csv path; "
+            "empty: wait for the action",
+        )
+        scale = declare(self, "scale", 1.0, "factor on forces and torques", (-10.0, 10.0))
+        self._exit_when_done = declare(
+            self, "exit_when_done", False, "end the process after the first programme"
+        )
+        rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
+        self._first = load_program(name).scaled(scale) if name else None
+        qos = control_qos(self.lockstep)
+        layout = topics.wrench_layout(self.rig.geometry.base_frame)
+        self._record = layout.record()
+        self._output = self.advertise(
+            "desired_wrench", Output(self, "desired_wrench", layout.msg_type, qos)
+        )
+        self._mode = Input(self, "mode", topics.mode_layout(""), latched_qos(self.lockstep))
+        self._lock = threading.Lock()
+        self._running: LoadProgram | None = None
+        self._began_s = 0.0
+        self._now_s = 0.0
+        self._verdict = ""
+        self.done = False
+        self._stopper = self.create_client(SetMode, "set_mode")
+        self._asked_s: float | None = None
+        self._loop: ControlLoop | Ticker
+        if self.lockstep:
+            layout = topics.wrench_layout(self.rig.geometry.platform_frame)
+            self._wrench = Input(self, "wrench", layout, qos)
+            self._loop = ControlLoop(self, self._wrench, [self._mode], self._answer, True)
+            self._loop.prepare = self.prepare_thread
+        else:
+            self._loop = Ticker(self.context, 1.0 / rate, self._tick)
+        self._server = ActionServer(
+            self,
+            RunProgram,
+            "run_program",
+            self._execute,
+            goal_callback=self._judge,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def begin(self) -> None:
+        """Start publishing."""
+        self._loop.start()
+        super().begin()
+
+    def end(self) -> None:
+        """Stop the loop and the action."""
+        self._running = None
+        self._loop.stop()
+        self._server.destroy()
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended the loop, or kept the programme from its end."""
+        if self._loop.failure is not None:
+            return self._loop.failure
+        if self._exit_when_done and self._verdict:
+            return RuntimeError(self._verdict)
+        return None
+
+    def _tick(self) -> None:
+        now_ns = time.time_ns()
+        self._mode.take()
+        with self._lock:
+            self._advance(1e-9 * now_ns)
+            if self._running is not None:
+                self._publish(now_ns)
+        self._end_if_asked()
+
+    def _answer(self) -> None:
+        stamp_ns = self._wrench.stamp_ns
+        with self._lock:
+            self._advance(1e-9 * stamp_ns)
+            self._publish(stamp_ns)
+        self.status.cycle(stamp_ns, RUNNING, "")
+        self._end_if_asked()
+
+    def _end_if_asked(self) -> None:
+        """After the programme ask for STOPPED, and end when that is so, or after a second."""
+        if not self._exit_when_done:
+            return
+        if self._in_fault():
+            self.context.try_shutdown()
+        elif self.done and self._asked_s is None:
+            self._asked_s = time.monotonic()
+            self._stopper.call_async(SetMode.Request(mode=int(OperatingMode.STOPPED)))
+        elif self.done and (not self._loading() or time.monotonic() - self._asked_s > STOP_S):
+            self.context.try_shutdown()
+
+    def _loading(self) -> bool:
+        record = self._mode.record
+        return record is not None and int(record["mode"]) == OperatingMode.LOADING
+
+    def _in_fault(self) -> bool:
+        """Whether the rig has stopped, so that the programme cannot be done any more."""
+        record = self._mode.record
+        if record is None or int(record["mode"]) != OperatingMode.FAULT:
+            return False
+        reason = self._mode.strings()["reason"]
+        self._verdict = self._verdict or f"the rig is in FAULT: {reason}"
+        return True
+
+    def _advance(self, now_s: float) -> None:
+        """Begin or end a programme."""
+        self._now_s = now_s
+        if self._first is not None and self._loading():
+            self._start(self._first)
+            self._first = None
+        if self._running is None:
+            return
+        if not self._loading():
+            self._finish("interrupted: the mode is no longer LOADING")
+        elif now_s - self._began_s > self._running.duration:
+            self._finish("")
+
+    def _start(self, program: LoadProgram) -> None:
+        self._running, self._began_s, self._verdict = program, self._now_s, ""
+        self.get_logger().info(f"programme {program.name}: {program.duration:g} s")
+
+    def _finish(self, verdict: str) -> None:
+        self._running, self._verdict, self.done = None, verdict, True
+        self.get_logger().info(verdict or "programme done")
+
+    def _publish(self, stamp_ns: int) -> None:
+        program = self._running
+        wrench = program.at(self._now_s - self._began_s) if program is not None else [0.0] * 6
+        self._record.stamp(stamp_ns)
+        self._record["wrench"][:] = wrench
+        self._output.publish(self._record.raw())
+
+    def _judge(self, request: Any) -> GoalResponse:
+        try:
+            load_program(request.program)
+        except CabolsError as error:
+            self.get_logger().error(str(error))
+            return GoalResponse.REJECT
+        busy = self._running is not None
+        if busy or not self._loading():
+            self.get_logger().error(
+                "run_program refused: "
+                + ("a programme is running" if busy else "the mode is not LOADING")
+            )
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    async def _execute(self, handle: Any) -> Any:
+        request = handle.request
+        program = load_program(request.program).scaled(request.scale or 1.0)
+        with self._lock:
+            self._start(program)
+        feedback = RunProgram.Feedback(duration=program.duration)
+        while self._running is program:
+            if handle.is_cancel_requested:
+                with self._lock:
+                    self._finish("cancelled: unloading")
+                handle.canceled()
+                return RunProgram.Result(success=False, message=self._verdict)
+            feedback.elapsed = self._now_s - self._began_s
+            handle.publish_feedback(feedback)
+            await self._pause(FEEDBACK_S)
+        if self._verdict:
+            handle.abort()
+        else:
+            handle.succeed()
+        return RunProgram.Result(success=not self._verdict, message=self._verdict or "done")
+
+    async def _pause(self, seconds: float) -> None:
+        """Give the executor back for a while."""
+        future: Future = Future()
+        timer = self.create_timer(seconds, lambda: future.set_result(None))
+        await future
+        self.destroy_timer(timer)
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(LoadProgramNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,168 @@
+"""Node: owns the mode; services set_mode, emergency_stop and reset."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from typing import Any
+
+from cabols_msgs.msg import LoopStatus
+from cabols_msgs.srv import SetMode
+from std_srvs.srv import Trigger
+
+from cabols_control.ros import topics
+from cabols_control.ros.loop import ControlLoop, Input, Output
+from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
+from cabols_control.ros.parameters import declare
+from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.ticker import Ticker
+from cabols_control.supervision import Supervision, SupervisionConfig
+
+PERIOD_S = 0.02
+REPEAT_EVERY = 5
+"""The mode is repeated at 10 Hz, so that its readers notice a silent supervisor."""
+
+
+class SupervisorNode(ControlNode):
+    """Thin node around Supervision: looks at the newest limb state 50 times a second."""
+
+    def __init__(self) -> None:
+        """Advertise mode and the services."""
+        super().__init__("supervisor")
+        config = SupervisionConfig(
+            auto_start=declare(
+                self, "auto_start", False, "pre-tighten and go to LOADING without being asked"
+            ),
+            pretension_timeout_s=declare(
+                self, "pretension_timeout", 15.0, "s, pre-tightening may take so long", (0.1, 600.0)
+            ),
+            # In lockstep the clock itself waits for the controllers.
+            controllers=() if self.lockstep else SupervisionConfig.controllers,
+            bridges=() if self.lockstep else SupervisionConfig.bridges,
+        )
+        self._core = Supervision(config)
+        self._lock = threading.Lock()
+        self._state = Input(
+            self,
+            "limb_state",
+            topics.limb_state_layout(self.rig.geometry),
+            control_qos(self.lockstep),
+        )
+        self._output = self.advertise(
+            "mode", Output(self, "mode", topics.TYPES["mode"], latched_qos(self.lockstep))
+        )
+        self._published: tuple[int, str] = (-1, "")
+        self._ticks = 0
+        self.create_subscription(LoopStatus, "loop_status", self._hear_status, status_qos())
+        self.create_service(SetMode, "set_mode", self._set_mode)
+        self.create_service(Trigger, "emergency_stop", self._emergency_stop)
+        self.create_service(Trigger, "reset", self._reset)
+        self._loop: ControlLoop | Ticker
+        if self.lockstep:
+            self._loop = ControlLoop(self, self._state, [], self._answer, True)
+            self._loop.prepare = self.prepare_thread
+        else:
+            self._loop = Ticker(self.context, PERIOD_S, self._tick)
+
+    def begin(self) -> None:
+        """Start looking."""
+        self._loop.start()
+        super().begin()
+
+    def end(self) -> None:
+        """Stop the loop; without a supervisor the limb controller stops a load."""
+        self._loop.stop()
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended the loop."""
+        return self._loop.failure
+
+    def _answer(self) -> None:
+        with self._lock:
+            self._hear_state()
+            self._publish()
+
+    def _tick(self) -> None:
+        with self._lock:
+            self._ticks += 1
+            if self._state.take():
+                self._hear_state()
+            self._core.check_silence(self._now_s())
+            if self._ticks % REPEAT_EVERY == 0 or self._changed():
+                self._publish()
+
+    def _hear_state(self) -> None:
+        self._core.hear_state(1e-9 * self._state.stamp_ns, self._state.record["zeroed"])
+
+    def _changed(self) -> bool:
+        return (int(self._core.mode), self._core.reason) != self._published
+
+    def _now_s(self) -> float:
+        """Present time on the clock of the limb states' stamps."""
+        if self._state.count == 0:
+            return 0.0
+        since = 0 if self.lockstep else time.monotonic_ns() - self._state.received_ns
+        return 1e-9 * (self._state.stamp_ns + since)
+
+    def _publish(self) -> None:
+        if self._changed():
+            self.get_logger().info(f"mode {self._core.mode.name}: {self._core.reason}")
+        self._published = (int(self._core.mode), self._core.reason)
+        record = topics.mode_layout(self._core.reason).record()
+        record.stamp(int(1e9 * self._now_s()) if not self.lockstep else self._state.stamp_ns)
+        record["mode"][0] = int(self._core.mode)
+        self._output.publish(record.raw())
+        latched = self._core.mode.name == "FAULT"
+        self.status.cycle(
+            self._state.stamp_ns,
+            FAULT if latched else RUNNING,
+            self._core.reason if latched else "",
+        )
+
+    def _hear_status(self, message: LoopStatus) -> None:
+        if message.node == self.get_name():
+            return
+        fault = message.reason if message.state == LoopStatus.FAULT else ""
+        with self._lock:
+            running = message.state == LoopStatus.RUNNING
+            self._core.hear_report(message.node, self._now_s(), running, fault)
+            self._publish_change()
+
+    def _set_mode(self, request: Any, response: Any) -> Any:
+        with self._lock:
+            verdict = self._core.request(request.mode, self._now_s())
+            self._publish_change()
+        response.success, response.message = verdict.allowed, verdict.reason
+        return response
+
+    def _emergency_stop(self, request: Any, response: Any) -> Any:
+        del request
+        with self._lock:
+            self._core.emergency_stop("emergency stop")
+            self._publish_change()
+        response.success, response.message = True, "stopped; call reset to go on"
+        return response
+
+    def _reset(self, request: Any, response: Any) -> Any:
+        del request
+        with self._lock:
+            verdict = self._core.reset()
+            self._publish_change()
+        response.success, response.message = verdict.allowed, verdict.reason
+        return response
+
+    def _publish_change(self) -> None:
+        """Tell a change at once; in lockstep it goes out with the answer to the next state."""
+        if not self.lockstep and self._changed():
+            self._publish()
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(SupervisorNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,160 @@
+"""Node: answers each wrench with a tension_command."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cabols_control.modes import OperatingMode
+from cabols_control.ros import topics
+from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
+from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
+from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.warm_up import warm_wrenches
+from cabols_control.wrench_controller import DesiredWrench, WrenchController
+
+POSE_TIMEOUT_S = 0.5
+
+
+class WrenchControllerNode(ControlNode):
+    """Thin node around WrenchController."""
+
+    def __init__(self) -> None:
+        """Subscribe to wrench, desired_wrench, platform_pose, mode; advertise tension_command."""
+        super().__init__("wrench_controller")
+        warm_wrenches(self.rig)
+        geometry = self.rig.geometry
+        self._controller = WrenchController(self.rig)
+        qos = control_qos(self.lockstep)
+        self._wrench = Input(self, "wrench", topics.wrench_layout(geometry.platform_frame), qos)
+        self._wanted = Input(self, "desired_wrench", topics.wrench_layout(geometry.base_frame), qos)
+        pose = topics.pose_layout(geometry)
+        self._pose = Input(self, "platform_pose", pose, qos, every=2)
+        mode_qos = latched_qos(self.lockstep)
+        self._mode = Input(self, "mode", topics.mode_layout(""), mode_qos, every=SLOW_INPUT)
+        layout = topics.tension_command_layout(geometry)
+        self._answer = layout.record()
+        self._answer["limb"][:] = np.arange(geometry.cables)
+        self._output = self.advertise(
+            "tension_command", Output(self, "tension_command", layout.msg_type, qos)
+        )
+        self._measured = np.zeros(6)
+        self._desired: DesiredWrench | None = None
+        self._desired_count = 0
+        self._frames = ("", geometry.base_frame)
+        self._refused = ""
+        self._pose_bytes = b""
+        companions = [self._mode, self._pose, self._wanted]
+        self._loop = ControlLoop(self, self._wrench, companions, self._step, self.lockstep)
+        self._loop.prepare = self.prepare_thread
+
+    def begin(self) -> None:
+        """Start the loop."""
+        self._loop.start()
+
+    def end(self) -> None:
+        """Stop the loop; the limb controller sees the command grow stale and cuts the current."""
+        self._loop.stop()
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended the loop."""
+        return self._loop.failure
+
+    def _step(self) -> None:
+        started = time.monotonic()
+        controller = self._controller
+        self._take_pose()
+        self._take_desired()
+        self._measured[:] = self._wrench.record["wrench"]
+        controller.step(
+            1e-9 * self._wrench.stamp_ns,
+            controller.to_base_axes(self._measured),
+            self._present_mode(),
+            self._desired,
+        )
+        answer = self._answer
+        answer.stamp(self._wrench.stamp_ns)
+        # The bridge publishes one wrench per limb state, so that DDS counts them alike.
+        answer["sequence"][0] = self._wrench.dds_sequence
+        answer["tension"][:] = controller.tension
+        answer["active"][0] = controller.active
+        answer["feasible"][0] = controller.feasible
+        answer["control"][:] = controller.control
+        answer["residual"][:] = controller.residual
+        answer["desired"][:] = controller.desired
+        self._output.publish(answer.raw())
+        self.status.work.add(time.monotonic() - started)
+        self._report()
+
+    def _report(self) -> None:
+        controller = self._controller
+        self.status.lost = self._wrench.lost
+        self.status.infeasible = controller.infeasible_cycles
+        reason = controller.fault or controller.notice or self._refused
+        complete = self._pose.count > 0 and self._mode.count > 0
+        state = FAULT if controller.fault else RUNNING if complete else WAITING
+        self.status.cycle(self._wrench.stamp_ns, state, reason)
+        self.tidy()
+
+    def _present_mode(self) -> OperatingMode:
+        if self._mode.record is None:
+            return OperatingMode.STOPPED
+        mode = OperatingMode(int(self._mode.record["mode"]))
+        age = 1e-9 * (self._wrench.stamp_ns - self._pose.stamp_ns)
+        if mode == OperatingMode.LOADING and self._pose.count and not age <= POSE_TIMEOUT_S:
+            self._controller.trip(f"platform_pose is {age:.1f} s old")
+        return mode
+
+    def _take_pose(self) -> None:
+        """Decompose the structure matrix again only if the pose has changed."""
+        record = self._pose.record
+        if record is None:
+            return
+        content = record["pose"].tobytes()
+        if content == self._pose_bytes:
+            return
+        self._pose_bytes = content
+        values = np.frombuffer(content)
+        length = np.linalg.norm(values[3:])
+        if not np.isfinite(values).all() or not abs(length - 1.0) < 1e-3:
+            self._controller.trip(
+                f"platform_pose: expected a finite position and a unit quaternion, got {values}"
+            )
+            return
+        self._controller.set_pose(values[:3], Rotation.from_quat(values[3:]).as_matrix())
+
+    def _take_desired(self) -> None:
+        """Accept a finite desired wrench in base axes; keep the last one otherwise."""
+        if self._wanted.error:
+            self._refused = self._wanted.error
+        if self._wanted.count == self._desired_count:
+            return
+        self._desired_count = self._wanted.count
+        record = self._wanted.record
+        frame = self._frame()
+        values = np.array(record["wrench"])
+        if frame not in self._frames:
+            self._refused = f"desired_wrench: expected frame {self._frames[1]}, got {frame}"
+        elif not np.isfinite(values).all():
+            self._refused = f"desired_wrench: expected finite numbers, got {values.tolist()}"
+        else:
+            self._refused = ""
+            self._desired = DesiredWrench(1e-9 * self._wanted.stamp_ns, values)
+
+    def _frame(self) -> str:
+        if self._wanted.exact:
+            return self._frames[1]
+        return self._wanted.strings()["header.frame_id"]
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(WrenchControllerNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,148 @@
+"""Everything that the control laws need to know of a rig, read from its configuration files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from pydantic.dataclasses import dataclass as config_dataclass
+
+from cabols_control.checks import FloatArray, in_range
+from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.errors import ConfigError
+from cabols_control.gains import WrenchGains, wrench_gains
+from cabols_control.geometry import RigGeometry, load_geometry
+from cabols_control.limb import LimbModel
+
+MOTOR_CURRENT_MAX_A = 3.82
+"""What the source's motors bear (section 3.5); no configured limit may exceed it."""
+
+
+@config_dataclass(frozen=True, config=STRICT)
+class LimbsConfig:
+    """Identified limbs of a rig.
+
+    Attributes:
+        stiffness: k_e, the same for all limbs [N/m].
+        switch_tension: where a limit switch closes [N].
+        gain: k of (3.11), one for each limb [m/s/A].
+        time_constant: T of (3.11), one for each limb [s].
+    """
+
+    stiffness: float
+    switch_tension: float
+    gain: list[float]
+    time_constant: list[float]
+
+    def __post_init__(self) -> None:
+        """Check signs and lengths."""
+        in_range("stiffness", self.stiffness, 1.0, 1e7)
+        in_range("switch_tension", self.switch_tension, 0.0, 1000.0)
+        if len(self.gain) != len(self.time_constant):
+            raise ConfigError(
+                f"time_constant: expected {len(self.gain)} values as in gain, "
+                f"got {len(self.time_constant)}"
+            )
+        for i, (gain, time_constant) in enumerate(zip(self.gain, self.time_constant, strict=True)):
+            in_range(f"gain[{i}]", gain, 1e-6, 1e3)
+            in_range(f"time_constant[{i}]", time_constant, 1e-4, 100.0)
+
+    @property
+    def models(self) -> tuple[LimbModel, ...]:
+        """Model (3.11) of each limb."""
+        return tuple(
+            LimbModel(gain, time_constant)
+            for gain, time_constant in zip(self.gain, self.time_constant, strict=True)
+        )
+
+
+@config_dataclass(frozen=True, config=STRICT)
+class ControlConfig:
+    """Design of both loops and their limits; units in config/bench_control.yaml."""
+
+    poles: list[float]
+    zero: float
+    current_limit: float
+    tension_min: float
+    tension_max: float
+    force_rated: list[float]
+    torque_rated: list[float]
+    pretension_speed: float = 0.02
+    command_timeout: float = 0.015
+    desired_timeout: float = 0.25
+    unload_rate: list[float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check limits against each other and against what the hardware bears."""
+        in_range("current_limit", self.current_limit, 1e-3, MOTOR_CURRENT_MAX_A)
+        in_range("tension_min", self.tension_min, 0.0, 1000.0)
+        in_range("tension_max", self.tension_max, self.tension_min + 1e-3, 10000.0)
+        in_range("pretension_speed", self.pretension_speed, 1e-4, 1.0)
+        in_range("command_timeout", self.command_timeout, 1e-3, 1.0)
+        in_range("desired_timeout", self.desired_timeout, 1e-3, 60.0)
+        for name, values in (
+            ("force_rated", self.force_rated),
+            ("torque_rated", self.torque_rated),
+        ):
+            if len(values) != 3:
+                raise ConfigError(f"{name}: expected 3 values, got {len(values)}")
+            for value in values:
+                in_range(name, value, 1e-6, 1e6)
+        rates = self.unload_rates
+        if len(rates) != 2:
+            raise ConfigError(f"unload_rate: expected [N/s, N m/s], got {rates!r}")
+        for rate in rates:
+            in_range("unload_rate", rate, 1e-3, 1e6)
+
+    @property
+    def unload_rates(self) -> list[float]:
+        """Rate of the ramp to zero, [N/s, N m/s]."""
+        return self.unload_rate if self.unload_rate is not None else [100.0, 10.0]
+
+    @property
+    def rated(self) -> FloatArray:
+        """(6,) rated force and torque [N, N m]."""
+        return np.array([*self.force_rated, *self.torque_rated])
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Geometry, limbs and control design of one rig."""
+
+    geometry: RigGeometry
+    limbs: LimbsConfig
+    control: ControlConfig
+
+    def __post_init__(self) -> None:
+        """Check that all files speak of the same number of cables."""
+        if len(self.limbs.gain) != self.geometry.cables:
+            raise ConfigError(
+                f"limbs: expected {self.geometry.cables} limbs as the geometry has cables, "
+                f"got {len(self.limbs.gain)}"
+            )
+
+    @cached_property
+    def gains(self) -> WrenchGains:
+        """Gains of both loops by (3.24), (3.25)."""
+        return wrench_gains(
+            self.limbs.models, self.limbs.stiffness, self.control.poles, self.control.zero
+        )
+
+
+def load_rig(
+    geometry: str | Path | None = None,
+    limbs: str | Path | None = None,
+    control: str | Path | None = None,
+) -> Rig:
+    """Read a rig from its three YAML files; None (or empty) stands for the reference bench.
+
+    Raises:
+        ConfigError: naming the file, the key, what was expected and what came.
+    """
+    return Rig(
+        load_geometry(geometry or None),
+        load_config(LimbsConfig, limbs or packaged("cabols_control", "bench_limbs.yaml")),
+        load_config(ControlConfig, control or packaged("cabols_control", "bench_control.yaml")),
+    )

@@ -1,0 +1,192 @@
+"""What every control node shares: configuration, loop, status reports, an orderly end."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+
+from cabols_control.errors import CabolsError
+from cabols_control.ros import topics
+from cabols_control.ros.loop import Output
+from cabols_control.ros.parameters import (
+    declare,
+    declare_lockstep,
+    declare_rig,
+    declare_scheduling,
+)
+from cabols_control.ros.qos import status_qos
+from cabols_control.ros.realtime import apply_scheduling, collect_young, freeze_garbage
+from cabols_control.ros.statistics import Durations
+
+RCLError = rclpy_implementation.RCLError
+WAITING, RUNNING, FAULT = 0, 1, 2
+REPORT_EVERY = 100
+READERS_PATIENCE_S = 60.0
+
+
+class Status:
+    """Counters of one loop, published as LoopStatus every 100 cycles and when the state changes."""
+
+    def __init__(self, node: Node, lockstep: bool) -> None:
+        """Advertise loop_status."""
+        self._name = node.get_name()
+        self._output = Output(node, "loop_status", topics.TYPES["loop_status"], status_qos())
+        self._lockstep = lockstep
+        self._layouts = {"": topics.loop_status_layout(self._name, "")}
+        self._reported: tuple[int, str] = (-1, "")
+        self._logger = node.get_logger()
+        self.cycles = 0
+        self.lost = 0
+        self.late = 0
+        self.infeasible = 0
+        self.work = Durations()
+        self.round_trip = Durations()
+
+    def cycle(self, stamp_ns: int, state: int, reason: str) -> None:
+        """Count one cycle; publish if it is time or if the state has changed."""
+        self.cycles += 1
+        changed = (state, reason) != self._reported
+        if changed or self.cycles % REPORT_EVERY == 0:
+            self.publish(stamp_ns, state, reason)
+        if changed:
+            self._log(state, reason)
+            self._reported = (state, reason)
+
+    def publish(self, stamp_ns: int, state: int, reason: str) -> None:
+        """Send one report."""
+        if reason not in self._layouts:
+            self._layouts[reason] = topics.loop_status_layout(self._name, reason)
+        record = self._layouts[reason].record()
+        record.stamp(max(stamp_ns, 0))
+        record["state"][0] = state
+        for name in ("cycles", "lost", "late", "infeasible"):
+            record[name][0] = getattr(self, name)
+        if not self._lockstep:
+            record["work_time"][0], record["work_time_p99"][0] = self.work.summary()
+            record["round_trip"][0], record["round_trip_p99"][0] = self.round_trip.summary()
+        self._output.publish(record.raw())
+
+    def _log(self, state: int, reason: str) -> None:
+        if state == FAULT:
+            self._logger.error(reason)
+        elif self._reported[0] == FAULT:
+            self._logger.info("fault cleared")
+
+    def output(self) -> Output:
+        """Return the publisher, for the count of its readers."""
+        return self._output
+
+
+class ControlNode(Node):
+    """A node of the control graph with the rig's configuration and a status."""
+
+    def __init__(self, name: str) -> None:
+        """Declare the common parameters and read the rig.
+
+        Raises:
+            ConfigError: if a configuration file cannot be used.
+        """
+        super().__init__(name, namespace=topics.NAMESPACE)
+        self.rig = declare_rig(self)
+        self.lockstep = declare_lockstep(self)
+        self._scheduling = declare_scheduling(self)
+        wanted = declare(
+            self,
+            "wait_for_readers",
+            [""],
+            "topic=count pairs: do not begin before the topic has so many readers",
+        )
+        self._wanted_readers = dict(item.split("=") for item in wanted if item)
+        self.outputs: dict[str, Output] = {}
+        self.status = Status(self, self.lockstep)
+        self.outputs["loop_status"] = self.status.output()
+
+    def advertise(self, topic: str, output: Output) -> Output:
+        """Register an output, so that its readers can be waited for."""
+        self.outputs[topic] = output
+        return output
+
+    def prepare_thread(self) -> None:
+        """Run in the control thread before its first cycle: readers, scheduling, garbage."""
+        self._wait_for_readers()
+        self.apply_scheduling()
+        freeze_garbage()
+
+    def apply_scheduling(self) -> None:
+        """Ask the kernel for what the parameters say, for all threads there are now."""
+        apply_scheduling(self._scheduling, self.get_logger().warning)
+
+    def tidy(self) -> None:
+        """Run once in many cycles: keep garbage young and few."""
+        if self.status.cycles % 200 == 0:
+            collect_young()
+
+    def _wait_for_readers(self) -> None:
+        give_up = time.monotonic() + READERS_PATIENCE_S
+        for topic, count in self._wanted_readers.items():
+            while self.outputs[topic].readers < int(count):
+                if not self.context.ok():
+                    return
+                if time.monotonic() > give_up:
+                    raise TimeoutError(
+                        f"{topic}: expected {count} readers within {READERS_PATIENCE_S:g} s, "
+                        f"found {self.outputs[topic].readers}; which node did not start?"
+                    )
+                time.sleep(0.01)
+
+    def begin(self) -> None:
+        """Start threads; called once the executor exists."""
+        self.apply_scheduling()
+
+    def end(self) -> None:
+        """Stop threads and leave outputs safe."""
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended a thread of this node, if anything did."""
+        return None
+
+
+def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = None) -> int:
+    """Run one control node until SIGINT, SIGTERM or its own failure.
+
+    Returns:
+        Exit code: 0, or 1 after a failure, or 2 for a configuration that cannot be used.
+    """
+    rclpy.init(args=arguments)
+    try:
+        node = factory()
+    except CabolsError as error:
+        print(f"error: {error}", file=sys.stderr)
+        rclpy.try_shutdown()
+        return 2
+    except RCLError:
+        # A signal that comes while the node is made ends the context under it.
+        if rclpy.ok():
+            raise
+        return 0
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        node.begin()
+        # Not executor.spin(): a signal may wake it before the context has ended, and never again.
+        while node.context.ok():
+            executor.spin_once(timeout_sec=0.2)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.end()
+        failure = node.failure
+        executor.remove_node(node)
+        node.destroy_node()
+        rclpy.try_shutdown()
+    if failure is not None:
+        print(f"error: {type(failure).__name__}: {failure}", file=sys.stderr)
+        return 1
+    return 0

@@ -1,0 +1,58 @@
+"""ROS parameters that several nodes share, declared with description and bounds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+
+from cabols_control.rig import Rig, load_rig
+from cabols_control.ros.realtime import Scheduling
+
+
+def declare(
+    node: Node,
+    name: str,
+    default: Any,
+    description: str,
+    bounds: tuple[float, float] | None = None,
+) -> Any:
+    """Declare a read-only parameter and return its value."""
+    descriptor = ParameterDescriptor(description=description, read_only=True)
+    if bounds is not None and isinstance(default, int):
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)
+        ]
+    elif bounds is not None:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(bounds[0]), to_value=float(bounds[1]), step=0.0)
+        ]
+    return node.declare_parameter(name, default, descriptor).value
+
+
+def declare_rig(node: Node) -> Rig:
+    """Declare the rig's configuration files and read them."""
+    return load_rig(
+        geometry=declare(node, "geometry_file", "", "YAML of the geometry; empty: reference bench"),
+        limbs=declare(node, "limbs_file", "", "YAML of the limbs; empty: reference bench"),
+        control=declare(node, "control_file", "", "YAML of the control; empty: reference bench"),
+    )
+
+
+def declare_lockstep(node: Node) -> bool:
+    """Declare whether the clock waits for every answer (simulation only)."""
+    return bool(
+        declare(node, "lockstep", False, "true: deterministic, the plant waits for every answer")
+    )
+
+
+def declare_scheduling(node: Node) -> Scheduling:
+    """Declare what the control thread asks of the kernel."""
+    return Scheduling(
+        fifo_priority=declare(
+            node, "fifo_priority", 0, "SCHED_FIFO priority of all threads; 0: leave", (0, 99)
+        ),
+        lock_memory=declare(node, "lock_memory", False, "lock all pages in memory"),
+        cpu=declare(node, "cpu", -1, "core to run on; -1: any", (-1, 1023)),
+    )

@@ -1,0 +1,140 @@
+"""What the supervisor does with what it hears: automatic sequence, time-outs, faults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cabols_control.checks import BoolArray
+from cabols_control.modes import ModeMachine, OperatingMode, Verdict
+
+ECHO_S = 0.5
+"""So long after a reset, at rest, nodes may still report the fault that was reset."""
+
+
+@dataclass(frozen=True)
+class SupervisionConfig:
+    """How the supervisor acts.
+
+    Attributes:
+        auto_start: go to PRETIGHTENING and LOADING without being asked.
+        settle_s: states must have arrived so long before the automatic start, e.g. for the tare.
+        pretension_timeout_s: pre-tightening may take so long.
+        state_timeout_s: limb states may be silent so long.
+        controllers: nodes that must report before the cables may move.
+        bridges: one of these must, too: it then gets motor currents; empty for none.
+        report_timeout_s: a report counts so long.
+    """
+
+    auto_start: bool = False
+    settle_s: float = 0.4
+    pretension_timeout_s: float = 15.0
+    state_timeout_s: float = 0.2
+    controllers: tuple[str, ...] = ("limb_controller", "wrench_controller")
+    bridges: tuple[str, ...] = ("plant", "q8_ati_bridge")
+    report_timeout_s: float = 1.5
+
+
+class Supervision:
+    """Pure core of the supervisor node. Times are stamps of limb states, or the same clock."""
+
+    def __init__(self, config: SupervisionConfig) -> None:
+        """Start STOPPED, having heard nothing."""
+        self._config = config
+        self._machine = ModeMachine()
+        self._zeroed: BoolArray | None = None
+        self._first_s = np.nan
+        self._newest_s = -np.inf
+        self._entered_s = -np.inf
+        self._started = False
+        self._reports: dict[str, float] = {}
+        self._reset_s = -np.inf
+
+    @property
+    def mode(self) -> OperatingMode:
+        """Present mode."""
+        return self._machine.mode
+
+    @property
+    def reason(self) -> str:
+        """Why it was entered."""
+        return self._machine.reason
+
+    def hear_state(self, stamp_s: float, zeroed: BoolArray) -> None:
+        """Take one limb state: its stamp and the (n,) bool zeroed."""
+        if np.isnan(self._first_s):
+            self._first_s = stamp_s
+        self._newest_s = stamp_s
+        self._zeroed = np.array(zeroed, dtype=np.bool_)
+        if self.mode == OperatingMode.PRETIGHTENING:
+            late = stamp_s - self._entered_s > self._config.pretension_timeout_s
+            if late and not self._zeroed.all():
+                limbs = np.flatnonzero(~self._zeroed).tolist()
+                self._machine.fault(
+                    f"pre-tightening: limbs {limbs} did not reach their switch within "
+                    f"{self._config.pretension_timeout_s:g} s"
+                )
+        if self._config.auto_start:
+            self._advance(stamp_s)
+
+    def hear_report(self, node: str, now_s: float, running: bool, fault: str) -> None:
+        """Take a node's report: whether all its inputs arrive; fault is empty if there is none."""
+        if running:
+            self._reports[node] = now_s
+        # A report that was under way when the rig was reset is not a new fault.
+        echo = self.mode == OperatingMode.STOPPED and now_s - self._reset_s < ECHO_S
+        if fault and not echo:
+            self._machine.fault(f"{node}: {fault}")
+
+    def check_silence(self, now_s: float) -> None:
+        """Latch a fault if limb states have stopped while the rig is not at rest."""
+        moving = self.mode in (OperatingMode.PRETIGHTENING, OperatingMode.LOADING)
+        if moving and not self._fresh(now_s):
+            self._machine.fault(f"no limb state for {self._config.state_timeout_s:g} s")
+
+    def request(self, wanted: int, now_s: float) -> Verdict:
+        """Answer a request for a mode."""
+        before = self.mode
+        if wanted in (OperatingMode.PRETIGHTENING, OperatingMode.LOADING):
+            silent = self._silent(now_s)
+            if silent:
+                return Verdict(False, f"no report from {', '.join(silent)}: not running?")
+        verdict = self._machine.request(wanted, self._zeroed, self._fresh(now_s))
+        if self.mode != before:
+            self._entered_s = self._newest_s
+        return verdict
+
+    def emergency_stop(self, reason: str) -> None:
+        """Latch FAULT at once."""
+        self._machine.fault(reason)
+
+    def reset(self) -> Verdict:
+        """Leave FAULT for STOPPED; the automatic sequence does not start again."""
+        self._reset_s = self._newest_s
+        return self._machine.reset()
+
+    def _fresh(self, now_s: float) -> bool:
+        return now_s - self._newest_s <= self._config.state_timeout_s
+
+    def _silent(self, now_s: float) -> list[str]:
+        """Nodes that are needed and have not reported lately."""
+        oldest = now_s - self._config.report_timeout_s
+        lively = {name for name, report_s in self._reports.items() if report_s >= oldest}
+        missing = [name for name in self._config.controllers if name not in lively]
+        if self._config.bridges and not lively & set(self._config.bridges):
+            missing.append("the bridge")
+        return missing
+
+    def _advance(self, stamp_s: float) -> None:
+        settled = stamp_s - self._first_s >= self._config.settle_s
+        if self.mode == OperatingMode.STOPPED and settled and not self._started:
+            self._started = self.request(OperatingMode.PRETIGHTENING, stamp_s).allowed
+        elif (
+            self.mode == OperatingMode.PRETIGHTENING
+            and self._started
+            and self._zeroed is not None
+            and self._zeroed.all()
+            and stamp_s - self._entered_s >= self._config.settle_s
+        ):
+            self.request(OperatingMode.LOADING, stamp_s)

@@ -1,0 +1,30 @@
+"""Redundancy resolution: cable tensions for a wrench.
+
+`distribute` for one call, `TensionResolver` for many wrenches at one pose, `RigTensionResolver`
+for new poses. Compiled loops use `pack_pose` once per pose and `solve_packed` per wrench.
+"""
+
+from .basis import pack_pose
+from .distribution import DEFAULT_WEIGHTS, METHODS, distribute
+from .layout import pack_size
+from .packed import detect_packed, solve_batch, solve_packed, solve_pose_batch
+from .resolver import RigTensionResolver, TensionResolver
+from .solution import FEASIBLE, INFEASIBLE, INVALID, TensionSolution
+
+__all__ = [
+    "DEFAULT_WEIGHTS",
+    "FEASIBLE",
+    "INFEASIBLE",
+    "INVALID",
+    "METHODS",
+    "RigTensionResolver",
+    "TensionResolver",
+    "TensionSolution",
+    "detect_packed",
+    "distribute",
+    "pack_pose",
+    "pack_size",
+    "solve_batch",
+    "solve_packed",
+    "solve_pose_batch",
+]

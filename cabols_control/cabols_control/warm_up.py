@@ -1,0 +1,58 @@
+"""Compile and cache the numerical kernels once, so that no node waits for that at its start."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cabols_control.limb import identify_limb
+from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.modes import OperatingMode
+from cabols_control.rig import Rig, load_rig
+from cabols_control.tension import distribute
+from cabols_control.wrench_controller import DesiredWrench, WrenchController
+
+
+def warm_limbs(rig: Rig, sample: LimbSample | None = None) -> None:
+    """Compile, or load from the cache, what a limb controller calls.
+
+    Args:
+        rig: configuration.
+        sample: one as the controller will get it: compiled code differs for arrays that are
+            read-only or not aligned, as those inside a message are. None for plain arrays.
+    """
+    n = rig.geometry.cables
+    if sample is None:
+        flags, length = np.ones(n, dtype=np.bool_), np.full(n, 0.001)
+        sample = LimbSample(0.0, length, length, length, flags, flags)
+    controller = LimbController(rig)
+    for k in range(3):
+        setpoint = TensionSetpoint(0.001 * k, np.full(n, 10.0), True)
+        for mode in (OperatingMode.PRETIGHTENING, OperatingMode.LOADING):
+            controller.step(replace(sample, stamp_s=0.001 * k), mode, setpoint)
+
+
+def warm_wrenches(rig: Rig) -> None:
+    """Compile, or load from the cache, what a wrench controller calls."""
+    controller = WrenchController(rig)
+    for k in range(3):
+        wanted = DesiredWrench(0.001 * k, np.full(6, 1000.0 * k))
+        measured = controller.to_base_axes(np.zeros(6))
+        controller.step(0.001 * k, measured, OperatingMode.LOADING, wanted)
+
+
+def main() -> None:
+    """Call every compiled kernel of this package once."""
+    rig = load_rig()
+    warm_limbs(rig)
+    warm_wrenches(rig)
+    matrix = np.random.default_rng(0).normal(size=(6, rig.geometry.cables))
+    distribute(matrix, np.zeros(6), 1.0, 100.0)
+    distribute(matrix, np.full(6, 1e4), 1.0, 100.0)
+    time = np.arange(100) * 0.001
+    identify_limb(time, np.ones(100), time**2)
+
+
+if __name__ == "__main__":
+    main()
