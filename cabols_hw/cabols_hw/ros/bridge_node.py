@@ -1,0 +1,294 @@
+"""The bridge node: paces the control loop, publishes samples, writes currents, guards them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from std_srvs.srv import Trigger
+
+from cabols_control.configuration import load_config, packaged
+from cabols_control.modes import OperatingMode
+from cabols_control.rig import Rig
+from cabols_control.ros import topics
+from cabols_control.ros.layout import Layout, Record
+from cabols_control.ros.loop import SLOW_INPUT, Input, Output, make_wait_set, wait_for
+from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
+from cabols_control.ros.parameters import declare
+from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_hw.bridge import Bridge
+from cabols_hw.card_config import CardConfig
+from cabols_hw.daq import CardSample, Daq
+from cabols_hw.watchdog import CommandWatchdog, merge_into
+
+RING = 1024
+ANSWER_WAIT_NS = 20_000_000
+LOCKSTEP_PATIENCE_S = 20.0
+
+AT_REST = (OperatingMode.STOPPED, OperatingMode.FAULT)
+"""Modes in which the outputs are zero whatever is commanded."""
+
+DaqFactory = Callable[["BridgeNode", Rig, CardConfig], Daq]
+
+
+class BridgeNode(ControlNode):
+    """Bridge between a card and the graph.
+
+    In real time one thread reads the card, which paces it, and publishes; another writes each
+    motor_current as it comes, so that the loop's delay is not rounded up to a period. In lockstep
+    one thread does both and waits for the answer.
+    """
+
+    def __init__(self, name: str, make_daq: DaqFactory) -> None:
+        """Open the card and advertise.
+
+        Args:
+            name: node name.
+            make_daq: makes the card's back end; may declare parameters of its own.
+        """
+        super().__init__(name)
+        card_file = declare(self, "card_file", "", "YAML of the card's scaling; empty: bench")
+        self._card = load_config(CardConfig, card_file or packaged("cabols_hw", "bench_card.yaml"))
+        self.daq = make_daq(self, self.rig, self._card)
+        geometry = self.rig.geometry
+        n = geometry.cables
+        self.bridge = Bridge(self.rig, self._card)
+        self._watchdog_s = (
+            declare(self, "watchdog", 0.0, "s, replaces the card file's; 0: the file's", (0.0, 0.1))
+            or self._card.watchdog
+        )
+        self._watchdog = CommandWatchdog(n, self._watchdog_s)
+        qos = control_qos(self.lockstep)
+        currents = topics.motor_current_layout(geometry, n)
+        self._current_input = Input(self, "motor_current", currents, qos)
+        self._warm_up(currents)
+        self._mode_input = Input(self, "mode", topics.mode_layout(""), latched_qos(self.lockstep))
+        self._answers = [self._current_input, self._mode_input, *self.extra_inputs()]
+        self._state = topics.limb_state_layout(geometry).record()
+        self._state["limb"][:] = np.arange(n)
+        self._wrench = topics.wrench_layout(geometry.platform_frame).record()
+        names = ("wound_length", "elongation", "tension", "switch_closed", "zeroed")
+        self.bridge.bind({name: self._state[name] for name in names})
+        self.bridge.bind({"wrench": self._wrench["wrench"]})
+        self._state_output = self._output("limb_state")
+        self._wrench_output = self._output("wrench")
+        self.create_service(Trigger, "tare", self._tare)
+        self._lock = threading.Lock()
+        self._mode = OperatingMode.STOPPED
+        self._sequence = 0
+        self._answered = 0
+        self._turns = 0
+        self._newest_s = 0.0
+        self._current = np.zeros(n)
+        self._refused = ""
+        self._sent_ns = np.zeros(RING, dtype=np.int64)
+        self._stop = threading.Event()
+        self._failure: BaseException | None = None
+        body = self._lockstep_body if self.lockstep else self._sample_body
+        self._threads = [threading.Thread(target=self._guard, args=(body,), daemon=True)]
+        if not self.lockstep:
+            answer = threading.Thread(target=self._guard, args=(self._answer_body,), daemon=True)
+            self._threads.append(answer)
+
+    def _warm_up(self, currents: Layout) -> None:
+        """Compile, or load, what a command needs, for arrays as they lie in a message."""
+        record = currents.read(currents.record().raw())
+        n = self.rig.geometry.cables
+        merge_into(record["limb"], record["current"], 0.0, np.zeros(n), np.zeros(n))
+
+    def _output(self, topic: str) -> Output:
+        qos = control_qos(self.lockstep)
+        return self.advertise(topic, Output(self, topic, topics.TYPES[topic], qos))
+
+    def extra_inputs(self) -> list[Input]:
+        """Inputs besides motor_current and mode: here, the platform's pose from the robot."""
+        geometry = self.rig.geometry
+        self._pose_input = Input(
+            self, "platform_pose", topics.pose_layout(geometry), control_qos(self.lockstep)
+        )
+        return [self._pose_input]
+
+    def on_inputs(self) -> None:
+        """Take what extra_inputs brought."""
+        if self._pose_input.take():
+            pose = np.array(self._pose_input.record["pose"])
+            if np.isfinite(pose).all() and abs(np.linalg.norm(pose[3:]) - 1.0) < 1e-3:
+                self.bridge.set_pose(pose[:3], Rotation.from_quat(pose[3:]).as_matrix())
+
+    def on_sample(self, stamp_ns: int, sequence: int) -> None:
+        """Publish more with a sample; called just before it is published."""
+
+    def begin(self) -> None:
+        """Start the card and the threads."""
+        for thread in self._threads:
+            thread.start()
+
+    def end(self) -> None:
+        """Stop the threads; zero the outputs whatever happened."""
+        self._stop.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(timeout=1.0)
+        self.daq.close()
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended a thread."""
+        return self._failure
+
+    def _guard(self, body: Callable[[], None]) -> None:
+        try:
+            body()
+        except BaseException as error:
+            # Publishing into a context that a signal has just shut down is no failure.
+            if self.context.ok():
+                self._failure = self._failure or error
+        self._stop.set()
+        self.context.try_shutdown()
+
+    def _running(self) -> bool:
+        return not self._stop.is_set() and self.context.ok()
+
+    def _sample_body(self) -> None:
+        self.prepare_thread()
+        self.daq.start(self._watchdog_s)
+        while self._running():
+            sample = self.daq.read()
+            started = time.monotonic_ns()
+            self._handle(sample)
+            self._judge_commands(1e-9 * sample.time_ns)
+            self.status.work.add(1e-9 * (time.monotonic_ns() - started))
+            self._report(sample.time_ns)
+
+    def _answer_body(self) -> None:
+        # Only the currents wake it; mode and pose are looked at then, or after the wait.
+        wait_set = make_wait_set(self, 1)
+        while self._running():
+            wait_for(wait_set, self._answers[:1], ANSWER_WAIT_NS)
+            self._take_answers()
+
+    def _lockstep_body(self) -> None:
+        self.prepare_thread()
+        self.daq.start(self._watchdog_s)
+        wait_set = make_wait_set(self, len(self._answers))
+        while self._running() and not self.finished():
+            sample = self.daq.read()
+            self._handle(sample)
+            self._wait_for_answers(wait_set, sample.time_ns)
+            self._report(sample.time_ns)
+
+    def finished(self) -> bool:
+        """Whether a lockstep run is complete."""
+        return False
+
+    def _wait_for_answers(self, wait_set: object, stamp_ns: int) -> None:
+        give_up = time.monotonic() + LOCKSTEP_PATIENCE_S
+        while missing := [item for item in self._answers if item.stamp_ns < stamp_ns]:
+            if not self._running():
+                return
+            if time.monotonic() > give_up:
+                topic_names = ", ".join(item.topic for item in missing)
+                raise TimeoutError(
+                    f"lockstep: {topic_names} did not answer the state at {stamp_ns} ns within "
+                    f"{LOCKSTEP_PATIENCE_S:g} s; is every node of the graph running?"
+                )
+            if wait_for(wait_set, missing, ANSWER_WAIT_NS):
+                self._take_answers()
+
+    def _handle(self, sample: CardSample) -> None:
+        """Turn one sample into messages and send them."""
+        with self._lock:
+            self.bridge.take(sample, self._mode)
+            current = 0.0 if self.daq.watchdog_expired else self.bridge.current
+        self._sequence += 1
+        self._newest_s = 1e-9 * sample.time_ns
+        state, wrench = self._state, self._wrench
+        state.stamp(sample.time_ns)
+        state["sequence"][0] = self._sequence
+        state["current"][:] = current
+        wrench.stamp(sample.time_ns)
+        self.on_sample(sample.time_ns, self._sequence)
+        self._sent_ns[self._sequence % RING] = time.monotonic_ns()
+        self._send(state, wrench)
+
+    def _send(self, state: Record, wrench: Record) -> None:
+        # One wrench per limb state, so that DDS numbers both alike: see TensionCommand.sequence.
+        self._state_output.publish(state.raw())
+        self._wrench_output.publish(wrench.raw())
+
+    def _take_answers(self) -> None:
+        if self._current_input.take():
+            self._accept_current()
+        elif self._current_input.error:
+            self._refused = self._current_input.error
+        self._turns += 1
+        rare = self.lockstep or self._turns % SLOW_INPUT == 0
+        if rare and self._mode_input.take():
+            self._mode = OperatingMode(int(self._mode_input.record["mode"]))
+        self.on_inputs()
+
+    def _accept_current(self) -> None:
+        """Check one motor_current and put it on the amplifiers at once."""
+        record = self._current_input.record
+        sequence = int(record["sequence"])
+        limbs, current = record["limb"], record["current"]
+        if not self._answered <= sequence <= self._sequence:
+            self._refused = (
+                f"motor_current: expected an answer to state {self._answered} to "
+                f"{self._sequence}, got {sequence}"
+            )
+            return
+        if not merge_into(limbs, current, self._newest_s, self._current, self._watchdog.newest):
+            self._refused = (
+                f"motor_current: expected finite numbers for limbs below {self._current.size}, got "
+                f"{current.tolist()} for {limbs.tolist()}"
+            )
+            return
+        now_ns = time.monotonic_ns()
+        if self._answered and sequence > self._answered + 1:
+            self.status.lost += sequence - self._answered - 1
+        self._answered = sequence
+        self._refused = ""
+        if not self.lockstep:
+            self.status.round_trip.add(1e-9 * (now_ns - self._sent_ns[sequence % RING]))
+        self._write()
+
+    def _write(self) -> None:
+        """Put the newest currents on the amplifiers, or zero if anything forbids them."""
+        if self._mode in AT_REST or self._watchdog.fault:
+            self._current[:] = 0.0
+        with self._lock:
+            self.daq.write(self.bridge.volts(self._current))
+
+    def _judge_commands(self, now_s: float) -> None:
+        at_rest = self._mode in AT_REST
+        had_fault = bool(self._watchdog.fault)
+        if not self._watchdog.check(now_s, at_rest) and not had_fault:
+            self._write()
+        if self.daq.watchdog_expired and at_rest and not self._watchdog.fault:
+            self.daq.clear_watchdog()
+
+    def _report(self, stamp_ns: int) -> None:
+        fault = self._watchdog.fault
+        if not fault and self.bridge.saturated_gauge:
+            fault = "force/torque sensor: a gauge is saturated or not a number"
+        if not fault and self.daq.watchdog_expired and self._mode not in AT_REST:
+            fault = "the card's own watchdog has zeroed the outputs"
+        self.status.late = self.daq.late
+        answered = RUNNING if self._answered else WAITING
+        self.status.cycle(stamp_ns, FAULT if fault else answered, fault or self._refused)
+        self.tidy()
+
+    def _tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        del request
+        if self._mode != OperatingMode.STOPPED:
+            response.success = False
+            response.message = f"tare only in STOPPED, with slack cables; now {self._mode.name}"
+            return response
+        with self._lock:
+            self.bridge.tare()
+        response.success, response.message = True, "taring"
+        return response

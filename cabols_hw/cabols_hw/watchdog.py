@@ -1,0 +1,72 @@
+"""The bridge's watchdog over commands: per limb, armed by the first command, latched."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from cabols_control.checks import FloatArray, IntArray
+
+
+@njit(cache=True)
+def merge_into(
+    limbs: IntArray, current: FloatArray, now_s: float, merged: FloatArray, newest: FloatArray
+) -> bool:
+    """Put a command for some limbs into the currents of all, and note when it came.
+
+    Args:
+        limbs: (k,) indices.
+        current: (k,) [A].
+        now_s: time of the newest sample [s].
+        merged: (n,) [A], updated.
+        newest: (n,) [s], as CommandWatchdog's, updated.
+
+    Returns:
+        False if an index is too large or a current is not finite: nothing is changed then.
+    """
+    for k in range(limbs.shape[0]):
+        if not (limbs[k] < merged.shape[0] and np.isfinite(current[k])):
+            return False
+    for k in range(limbs.shape[0]):
+        merged[limbs[k]] = current[k]
+        newest[limbs[k]] = now_s
+    return True
+
+
+class CommandWatchdog:
+    """Decides whether the newest currents may still be on the amplifiers.
+
+    Attributes:
+        newest: (n,) time of the sample before each limb's newest command [s]; NaN before the first.
+        fault: why the outputs must be zero; empty while commands are fresh.
+    """
+
+    def __init__(self, limbs: int, timeout_s: float) -> None:
+        """Start unarmed: before its first command a limb has zero current anyway."""
+        self._timeout = timeout_s
+        self.newest = np.full(limbs, np.nan)
+        self.fault = ""
+
+    def feed(self, now_s: float, limbs: IntArray) -> None:
+        """Note a command for some limbs, come after the sample at now_s."""
+        self.newest[limbs] = now_s
+
+    def check(self, now_s: float, at_rest: bool) -> bool:
+        """Return whether outputs may be non-zero.
+
+        A fault stays until the mode is STOPPED, where the outputs are zero whatever comes.
+
+        Args:
+            now_s: time of the newest sample, as for feed [s].
+            at_rest: whether the mode is STOPPED.
+        """
+        if at_rest:
+            self.fault = ""
+            return True
+        stale = now_s - self.newest > self._timeout
+        if stale.any() and not self.fault:
+            self.fault = (
+                f"no motor_current for limbs {np.flatnonzero(stale).tolist()} for "
+                f"{1e3 * self._timeout:.0f} ms: zero current; is the limb controller running?"
+            )
+        return not self.fault

@@ -1,0 +1,21 @@
+"""Launch the controllers and the bridge to the hardware.
+
+ros2 launch cabols_hw rig.launch.py geometry_file:=/path/to/geometry.yaml
+"""
+
+from launch.actions import OpaqueFunction
+
+from cabols_control.graph import rig_graph
+from cabols_control.ros.launching import argument_values, arguments, launch_nodes
+from launch import Action, LaunchContext, LaunchDescription
+
+
+def start(context: LaunchContext) -> list[Action]:
+    """Make the nodes once the arguments are known."""
+    values = argument_values(context)
+    return launch_nodes(rig_graph(record=values["record"]), values)
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments and start the graph."""
+    return LaunchDescription([*arguments("rig"), OpaqueFunction(function=start)])
