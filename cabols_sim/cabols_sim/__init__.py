@@ -1,0 +1,1 @@
+"""Simulated rig: plant physics behind the real bridge."""

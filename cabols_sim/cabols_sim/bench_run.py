@@ -1,0 +1,66 @@
+"""Run the simulated bench as processes, as the demo, the benchmarks and the tests do."""
+
+from __future__ import annotations
+
+import os
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from cabols_control.graph import bench_graph, with_arguments
+from cabols_control.processes import Ended, run
+
+SAFE_DOMAINS = (1, 101)
+"""Domain ids whose ports do not reach into Linux' ephemeral range."""
+
+
+def isolated_environment() -> dict[str, str]:
+    """Return variables that keep a run on this machine, in a DDS domain of its own.
+
+    A ROS_DOMAIN_ID that is already set is kept: then other tools can watch.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID") or str(random.SystemRandom().randint(*SAFE_DOMAINS))
+    return {
+        "ROS_DOMAIN_ID": domain,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        # One BLAS thread: the matrices are tiny, and two cores carry the whole graph.
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+
+
+def two_cores() -> dict[str, int]:
+    """Return arguments that keep the path from sample to command on one core, the rest on another.
+
+    Waking a process on the same core is far cheaper, above all on a virtual machine. Empty with
+    one core only.
+    """
+    cores = sorted(os.sched_getaffinity(0))
+    return {"cpu": cores[0], "other_cpu": cores[1]} if len(cores) > 1 else {}
+
+
+def run_bench(
+    values: dict[str, Any],
+    on_line: Callable[[str, str], None] | None = None,
+    log_folder: Path | None = None,
+    environment: dict[str, str] | None = None,
+    on_start: Callable[[dict[str, int]], None] | None = None,
+    keep_going: bool = False,
+) -> Ended:
+    """Run the bench until one node ends, or Ctrl-C.
+
+    Args:
+        values: arguments by name, see cabols_control.graph.ARGUMENTS.
+        on_line: called with (node, line) of output; default prints.
+        log_folder: for each node's output.
+        environment: default isolated_environment().
+        on_start: called with the process ids by node.
+        keep_going: run on when a node ends.
+
+    Returns:
+        How it ended.
+    """
+    graph = bench_graph(values.get("lockstep", False), values.get("record", True))
+    nodes = with_arguments(graph, values)
+    where = environment or isolated_environment()
+    return run(nodes, where, on_line, log_folder, on_start, keep_going)

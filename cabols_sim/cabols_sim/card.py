@@ -1,0 +1,134 @@
+"""A simulated Q8 card around the plant: the same interface as the hardware's back end."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+from cabols_hw.card_config import CardConfig
+from cabols_hw.daq import CardSample
+from cabols_sim.plant import Plant
+
+
+class SimulatedQ8:
+    """Daq back end on the plant, with the wall clock (`real_time`) or its own (`lockstep`).
+
+    Attributes:
+        plant: the rig behind the card.
+    """
+
+    def __init__(
+        self, plant: Plant, config: CardConfig, limbs: int, lockstep: bool, speed: float = 1.0
+    ) -> None:
+        """Stand still until start().
+
+        Args:
+            plant: the rig behind the card.
+            config: wiring.
+            limbs: number of outputs.
+            lockstep: step from read to read instead of by the wall clock.
+            speed: how fast the plant's time passes, in real time's; below 1 is slow motion.
+        """
+        self._speed = speed
+        self.plant = plant
+        self._config = config
+        self._lockstep = lockstep
+        self._volts = np.zeros(limbs)
+        self._lock = threading.Lock()
+        self._period_ns = round(1e9 * config.period)
+        self._tick = 0
+        self._origin_ns = 0
+        self._epoch_ns = 0
+        self._plant_ns = 0
+        self._written_ns = 0
+        self._watchdog_ns = 0
+        self._armed = False
+        self._expired = False
+        self._late = 0
+
+    def start(self, watchdog_s: float) -> None:
+        """Begin sampling now; see Daq.start."""
+        self._watchdog_ns = round(1e9 * watchdog_s)
+        if not self._lockstep:
+            self._origin_ns = time.monotonic_ns()
+            self._epoch_ns = time.time_ns()
+
+    def read(self) -> CardSample:
+        """Wait for the next instant (in lockstep: step to it) and sample."""
+        self._tick += 1
+        if not self._lockstep:
+            self._wait_for_tick()
+        with self._lock:
+            self._advance_to(self._tick * self._period_ns)
+            stamp_ns = self._epoch_ns + self._tick * self._period_ns
+            return CardSample(stamp_ns, *self.plant.sense())
+
+    def _wait_for_tick(self) -> None:
+        due_ns = self._tick * self._period_ns
+        remaining = due_ns - self._elapsed_ns()
+        if remaining > 0:
+            time.sleep(1e-9 * remaining / self._speed)
+        behind = self._elapsed_ns() - due_ns
+        self._late += behind > self._period_ns // 2
+        if behind > self._period_ns:
+            # The card's buffer would have overflowed: these instants are lost.
+            skipped = behind // self._period_ns
+            self._tick += skipped
+            self._late += skipped
+
+    def _elapsed_ns(self) -> int:
+        """The plant's time since start, by the wall clock."""
+        return int((time.monotonic_ns() - self._origin_ns) * self._speed)
+
+    def write(self, volts: FloatArray) -> None:
+        """Set all outputs and reload the watchdog; ignored after an expiry, until it is cleared."""
+        with self._lock:
+            if self._expired:
+                return
+            if not self._lockstep:
+                self._advance_to(self._elapsed_ns())
+            self._volts[:] = volts
+            self._written_ns = self._plant_ns
+            self._armed = True
+            self.plant.drive(self._volts)
+
+    def _advance_to(self, plant_ns: int) -> None:
+        """Let the plant's time pass; the card's own watchdog runs on it."""
+        if self._armed and not self._expired:
+            expiry_ns = self._written_ns + self._watchdog_ns
+            if plant_ns > expiry_ns:
+                self._pass_time(expiry_ns)
+                self._expired = True
+                self._volts[:] = 0.0
+                self.plant.drive(self._volts)
+        self._pass_time(plant_ns)
+
+    def _pass_time(self, plant_ns: int) -> None:
+        if plant_ns > self._plant_ns:
+            self.plant.advance(1e-9 * (plant_ns - self._plant_ns))
+            self._plant_ns = plant_ns
+
+    @property
+    def watchdog_expired(self) -> bool:
+        """Whether the card has zeroed its outputs by itself."""
+        return self._expired
+
+    @property
+    def late(self) -> int:
+        """Samples read more than half a period late, or skipped."""
+        return self._late
+
+    def clear_watchdog(self) -> None:
+        """Allow writing again."""
+        with self._lock:
+            self._expired = False
+            self._armed = False
+
+    def close(self) -> None:
+        """Zero the outputs."""
+        with self._lock:
+            self._volts[:] = 0.0
+            self.plant.drive(self._volts)

@@ -1,0 +1,111 @@
+"""Node: the simulated rig behind the real bridge, in place of q8_ati_bridge."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cabols_control.configuration import load_config, packaged
+from cabols_control.modes import OperatingMode
+from cabols_control.rig import Rig
+from cabols_control.ros import topics
+from cabols_control.ros.loop import Input, Output
+from cabols_control.ros.node import run_node
+from cabols_control.ros.parameters import declare
+from cabols_control.ros.qos import control_qos
+from cabols_hw.bridge import Bridge
+from cabols_hw.card_config import CardConfig
+from cabols_hw.ros.bridge_node import BridgeNode
+from cabols_sim.card import SimulatedQ8
+from cabols_sim.plant import Plant
+from cabols_sim.plant_config import PlantConfig
+
+POSE_EVERY = 4
+"""The robot reports its pose every 4 ms; in lockstep every sample has one."""
+
+
+def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
+    """Build plant and card from the node's parameters."""
+    path = declare(node, "plant_file", "", "YAML of the plant; empty: bench")
+    config = load_config(PlantConfig, path or packaged("cabols_sim", "bench_plant.yaml"))
+    if declare(node, "linear", False, "leave out everything that is not linear"):
+        config = config.linear()
+    seed = declare(node, "seed", 0, "of slack, bias and noise", (0, 2**31 - 1))
+    speed = declare(
+        node, "speed", 1.0, "how fast the rig's time passes; below 1: slow motion", (0.01, 1.0)
+    )
+    warm_up_card(rig, card, config)
+    plant = Plant(rig, card, config, seed)
+    return SimulatedQ8(plant, card, rig.geometry.cables, node.lockstep, speed)
+
+
+def warm_up_card(rig: Rig, card: CardConfig, config: PlantConfig) -> None:
+    """Compile, or load from the cache, what plant and bridge call in a cycle."""
+    n = rig.geometry.cables
+    daq = SimulatedQ8(Plant(rig, card, config), card, n, lockstep=True)
+    bridge = Bridge(rig, card)
+    for mode in (OperatingMode.STOPPED, OperatingMode.PRETIGHTENING, OperatingMode.LOADING):
+        bridge.take(daq.read(), mode)
+        daq.write(bridge.volts(np.zeros(n)))
+
+
+class PlantNode(BridgeNode):
+    """BridgeNode on a simulated card; publishes the platform's pose in the robot's place."""
+
+    def __init__(self) -> None:
+        """Build the rig."""
+        super().__init__("plant", make_card)
+        self._steps = declare(
+            self, "steps", 0, "lockstep: end after so many samples; 0: never", (0, 2**31 - 1)
+        )
+        geometry = self.rig.geometry
+        self._pose = topics.pose_layout(geometry).record()
+        self._place = b""
+        qos = control_qos(self.lockstep)
+        self._pose_output = self.advertise(
+            "platform_pose", Output(self, "platform_pose", topics.TYPES["platform_pose"], qos)
+        )
+
+    def extra_inputs(self) -> list[Input]:
+        """In lockstep the clock also waits for the wrench controller."""
+        if not self.lockstep:
+            return []
+        geometry = self.rig.geometry
+        self._tension_input = Input(
+            self, "tension_command", topics.tension_command_layout(geometry), control_qos(True)
+        )
+        return [self._tension_input]
+
+    def on_inputs(self) -> None:
+        """Take the wrench controller's answer, which is only waited for."""
+        if self.lockstep:
+            self._tension_input.take()
+
+    def on_sample(self, stamp_ns: int, sequence: int) -> None:
+        """Publish the target's pose; the bridge knows it by itself."""
+        if not self.lockstep and sequence % POSE_EVERY != 0:
+            return
+        target = self.daq.plant.target
+        self._pose.stamp(stamp_ns)
+        place = target.position.tobytes() + target.rotation.tobytes()
+        if place != self._place:
+            self._place = place
+            self.bridge.set_pose(target.position, target.rotation)
+            self._pose["pose"][:3] = target.position
+            self._pose["pose"][3:] = Rotation.from_matrix(target.rotation).as_quat()
+        self._pose_output.publish(self._pose.raw())
+
+    def finished(self) -> bool:
+        """Whether the asked number of steps is done."""
+        return 0 < self._steps <= self._sequence
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(PlantNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,179 @@
+"""Parameters of the simulated rig."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from pydantic.dataclasses import dataclass
+
+from cabols_control.checks import FloatArray, in_range
+from cabols_control.configuration import STRICT
+from cabols_control.errors import ConfigError
+
+
+@dataclass(frozen=True, config=STRICT)
+class LimbPlantConfig:
+    """True physics of the limbs, the same for all but gain and time constant.
+
+    Attributes:
+        gain: k of (3.11), one for each limb [m/s/A].
+        time_constant: T of (3.11), one for each limb [s].
+        coulomb_current: current that overcomes dry friction [A].
+        viscous_current: current per speed beyond what k already contains [A s/m].
+        load_current: current that holds 1 N of cable tension through the gear [A/N].
+        backlash: gear backlash, at the cable [m].
+        spring_stiffness: [N/m]; 0 stands for a limb without a spring.
+        spring_initial_tension: below it the spring's coils touch [N].
+        cable_compliance_fixed: of knots and pulley mounts [m/N].
+        cable_compliance_per_metre: of the cable itself [1/N].
+        initial_slack: of every cable at power-up [m].
+        slack_spread: uniformly drawn addition to it [m].
+    """
+
+    gain: list[float]
+    time_constant: list[float]
+    coulomb_current: float = 0.03
+    viscous_current: float = 0.02
+    load_current: float = 0.0002
+    backlash: float = 0.0002
+    spring_stiffness: float = 2768.0
+    spring_initial_tension: float = 0.5
+    cable_compliance_fixed: float = 0.0
+    cable_compliance_per_metre: float = 6.55e-5
+    initial_slack: float = 0.004
+    slack_spread: float = 0.003
+
+    def __post_init__(self) -> None:
+        """Check signs and lengths."""
+        if len(self.gain) != len(self.time_constant):
+            raise ConfigError(
+                f"time_constant: expected {len(self.gain)} values as in gain, "
+                f"got {len(self.time_constant)}"
+            )
+        for name in ("gain", "time_constant"):
+            for value in getattr(self, name):
+                in_range(name, value, 1e-6, 1e3)
+        for name in (
+            "coulomb_current",
+            "viscous_current",
+            "load_current",
+            "backlash",
+            "spring_stiffness",
+            "spring_initial_tension",
+            "cable_compliance_fixed",
+            "cable_compliance_per_metre",
+            "initial_slack",
+            "slack_spread",
+        ):
+            in_range(name, getattr(self, name), 0.0, 1e7)
+        in_range(
+            "cable_compliance_fixed + cable_compliance_per_metre",
+            self.cable_compliance_fixed + self.cable_compliance_per_metre,
+            1e-9,
+            1.0,
+        )
+
+    @property
+    def table(self) -> FloatArray:
+        """(n, 10) parameters as the compiled physics wants them; see physics.py."""
+        spring = 1.0 / self.spring_stiffness if self.spring_stiffness > 0.0 else 0.0
+        common = [
+            self.coulomb_current,
+            self.viscous_current,
+            self.load_current,
+            self.backlash,
+            spring,
+            self.spring_initial_tension if spring > 0.0 else 0.0,
+            self.cable_compliance_fixed,
+            self.cable_compliance_per_metre,
+        ]
+        pairs = zip(self.gain, self.time_constant, strict=True)
+        return np.array([[gain, time_constant, *common] for gain, time_constant in pairs])
+
+
+@dataclass(frozen=True, config=STRICT)
+class SensorPlantConfig:
+    """True behaviour of converters, sensor and switches.
+
+    Attributes:
+        encoder_quantised: whether counts are whole.
+        adc_step: of the card's inputs [V]; 0 for ideal ones.
+        dac_step: of the card's outputs [V]; 0 for ideal ones.
+        gauge_noise: standard deviation of each gauge [V].
+        gauge_bias: bound of each gauge's uniformly drawn bias [V].
+        tool_weight: of platform and tool on the sensor, along -z of the base [N].
+        switch_tension: where a limit switch closes [N].
+        switch_hysteresis: it opens so much lower [N].
+    """
+
+    encoder_quantised: bool = True
+    adc_step: float = 20.0 / 2**14
+    dac_step: float = 20.0 / 2**12
+    gauge_noise: float = 0.001
+    gauge_bias: float = 0.2
+    tool_weight: float = 20.0
+    switch_tension: float = 4.7
+    switch_hysteresis: float = 0.3
+
+    def __post_init__(self) -> None:
+        """Check signs."""
+        for name in (
+            "adc_step",
+            "dac_step",
+            "gauge_noise",
+            "gauge_bias",
+            "tool_weight",
+            "switch_tension",
+            "switch_hysteresis",
+        ):
+            in_range(name, getattr(self, name), 0.0, 1e4)
+
+
+@dataclass(frozen=True, config=STRICT)
+class PlantConfig:
+    """The simulated rig.
+
+    Attributes:
+        limbs: physics of the limbs.
+        sensors: converters, force/torque sensor, switches.
+        substeps: integration steps in a millisecond.
+    """
+
+    limbs: LimbPlantConfig
+    sensors: SensorPlantConfig
+    substeps: int = 4
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        in_range("substeps", self.substeps, 1, 100)
+
+    def linear(self) -> PlantConfig:
+        """Return the linear plant with the same motors: (3.12) and nothing else.
+
+        No friction, load, backlash, converter steps or noise; the spring never closes, the cable's
+        compliance does not depend on its length (10.72 N/mm, so that k_e is 2.20 N/mm).
+        """
+        limbs = replace(
+            self.limbs,
+            coulomb_current=0.0,
+            viscous_current=0.0,
+            load_current=0.0,
+            backlash=0.0,
+            spring_stiffness=1.0 / (1.0 / 2200.0 - 1.0 / 10720.0),
+            spring_initial_tension=0.0,
+            cable_compliance_fixed=1.0 / 10720.0,
+            cable_compliance_per_metre=0.0,
+        )
+        sensors = replace(
+            self.sensors,
+            encoder_quantised=False,
+            adc_step=0.0,
+            dac_step=0.0,
+            gauge_noise=0.0,
+        )
+        return PlantConfig(limbs, sensors, self.substeps)
+
+    def without_springs(self) -> PlantConfig:
+        """Return the same rig with the springs taken out (figure 3.8)."""
+        return replace(self, limbs=replace(self.limbs, spring_stiffness=0.0))

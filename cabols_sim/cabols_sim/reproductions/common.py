@@ -1,0 +1,216 @@
+"""What the reproductions share: the bench's configuration, the form of a result, the lone limb."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numba import njit
+
+from cabols_control.checks import FloatArray
+from cabols_control.configuration import load_config, packaged
+from cabols_control.gains import LimbGains
+from cabols_control.limb_law import limb_law_into
+from cabols_control.rig import Rig, load_rig
+from cabols_hw.card_config import CardConfig
+from cabols_sim.physics import limb_step
+from cabols_sim.plant_config import LimbPlantConfig, PlantConfig
+
+PERIOD_S = 0.001
+CABLE_LENGTH_M = 1.424
+"""Mean cable length of the bench; 6.55e-5 1/N then is 10.72 N/mm."""
+K_SPRING, K_CABLE = 2200.0, 10720.0
+"""k_e with and without the spring [N/m], section 3.4.1."""
+DPI = 120
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """One result of the source, computed anew.
+
+    Attributes:
+        key: short name, stem of its files.
+        title: what it is, with the source's number.
+        text: what was done and what came out, one paragraph.
+        numbers: results; every key ends in its unit.
+        header: of the table.
+        rows: of the table.
+        figure: drawn.
+        data: arrays behind the figure, SI units.
+    """
+
+    key: str
+    title: str
+    text: str
+    numbers: dict[str, Any]
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    figure: Figure
+    data: dict[str, FloatArray]
+
+    def png(self) -> bytes:
+        """Return the figure as a PNG picture."""
+        stream = io.BytesIO()
+        self.figure.savefig(stream, format="png", dpi=DPI)
+        return stream.getvalue()
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Configuration of the reference bench."""
+
+    rig: Rig
+    card: CardConfig
+    plant: PlantConfig
+
+
+@cache
+def bench() -> Bench:
+    """Read the reference bench's files once."""
+    return Bench(
+        load_rig(),
+        load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml")),
+        load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml")),
+    )
+
+
+def without_spring(limbs: LimbPlantConfig) -> LimbPlantConfig:
+    """Return the same limbs, the cable tied directly."""
+    return replace(limbs, spring_stiffness=0.0)
+
+
+def sample_times(samples: int) -> FloatArray:
+    """(k,) times of samples from zero [s]."""
+    return np.multiply(PERIOD_S, np.arange(samples))
+
+
+@dataclass(frozen=True, eq=False)
+class LimbTrace:
+    """A lone limb's test, k samples of 1 ms.
+
+    Attributes:
+        time: (k,) [s].
+        command: (k,) desired tension [N].
+        tension: (k,) true [N].
+        estimate: (k,) k_e times elongation (3.9) [N].
+        wound: (k,) cable wound in, by the motor's encoder [m].
+        current: (k,) [A].
+    """
+
+    time: FloatArray
+    command: FloatArray
+    tension: FloatArray
+    estimate: FloatArray
+    wound: FloatArray
+    current: FloatArray
+
+
+@njit(cache=True)
+def _drive(
+    table: FloatArray, current: FloatArray, rest: float, counts: float, substeps: int
+) -> FloatArray:
+    """Wound length by the encoder for given currents; rest > length: a slack cable."""
+    state, tension = np.zeros((1, 3)), np.zeros(1)
+    length, wound = np.full(1, CABLE_LENGTH_M), np.zeros(current.size)
+    ends = np.full(1, rest)
+    dt_s = PERIOD_S / substeps
+    for k in range(current.size):
+        wound[k] = np.floor(state[0, 0] * counts) / counts if counts > 0.0 else state[0, 0]
+        for _ in range(substeps):
+            limb_step(table, state, current[k : k + 1], ends, length, dt_s, tension)
+    return wound
+
+
+def drive_slack_limb(
+    limbs: LimbPlantConfig, limb: int, current: FloatArray, counts_per_metre: float, substeps: int
+) -> FloatArray:
+    """Put currents on a motor whose cable is slack (spring off), as section 3.4.3 identifies.
+
+    Args:
+        limbs: true physics.
+        limb: index from 0.
+        current: (k,) held for 1 ms each [A].
+        counts_per_metre: of the encoder; 0 for an ideal one.
+        substeps: integration steps in a sample.
+
+    Returns:
+        (k,) cable wound in [m].
+    """
+    row = limbs.table[limb : limb + 1]
+    return np.asarray(_drive(row, current, 1e3, counts_per_metre, substeps))
+
+
+@njit(cache=True)
+def _close_loop(
+    table: FloatArray,
+    gains: FloatArray,
+    tension_gain: float,
+    command: FloatArray,
+    settings: FloatArray,
+    substeps: int,
+    record: FloatArray,
+) -> None:
+    stiffness, counts, limit = settings[0], settings[1], settings[2]
+    row = table[0]
+    state, law = np.zeros((1, 3)), np.zeros((1, 2))
+    length, tension = np.full(1, CABLE_LENGTH_M), np.full(1, command[0])
+    current, reference, elongation = np.zeros(1), np.zeros(1), np.zeros(1)
+    stretch = command[0] * (row[8] + row[9] * length[0])
+    stretch += max(command[0] - row[7], 0.0) * row[6]
+    # The motor has wound in: it stands half the backlash ahead of the pulley.
+    state[0, 0] = 0.5 * row[5]
+    zero = state[0, 0] - command[0] / stiffness
+    rest = length - stretch
+    dt_s = PERIOD_S / substeps
+    for k in range(command.size):
+        wound = np.floor(state[0, 0] * counts) / counts if counts > 0.0 else state[0, 0]
+        elongation[0] = wound - zero
+        if k == 0:
+            law[0, 1] = elongation[0]
+        estimate = stiffness * elongation[0]
+        reference[0] = tension_gain * (command[k] - estimate)
+        limb_law_into(gains, limit, reference, elongation, PERIOD_S, law, current)
+        record[0, k], record[1, k] = tension[0], estimate
+        record[2, k], record[3, k] = wound, current[0]
+        for _ in range(substeps):
+            limb_step(table, state, current, rest, length, dt_s, tension)
+
+
+def control_limb(
+    limbs: LimbPlantConfig,
+    limb: int,
+    gains: LimbGains,
+    stiffness: float,
+    command: FloatArray,
+    ideal_encoder: bool = False,
+) -> LimbTrace:
+    """Run the limb law (3.10) on a lone limb with a tight cable.
+
+    Args:
+        limbs: true physics.
+        limb: index from 0.
+        gains: of the law.
+        stiffness: k_e of the estimate [N/m].
+        command: (k,) desired tension; the limb starts at rest with the first one [N].
+        ideal_encoder: whether counts need not be whole.
+
+    Returns:
+        What happened.
+    """
+    setup = bench()
+    counts = 0.0 if ideal_encoder else setup.card.counts_per_metre
+    record = np.zeros((4, command.size))
+    _close_loop(
+        limbs.table[limb : limb + 1],
+        np.array([[gains.integral, gains.velocity]]),
+        gains.tension,
+        command,
+        np.array([stiffness, counts, setup.rig.control.current_limit]),
+        setup.plant.substeps,
+        record,
+    )
+    return LimbTrace(sample_times(command.size), command, *record)

@@ -1,0 +1,36 @@
+"""What the platform is fastened to: the seam for a flexible robot."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+from cabols_control.geometry import RigGeometry
+
+
+class Target(Protocol):
+    """Holds the platform; gives way under the cables' wrench, or moves."""
+
+    position: FloatArray
+    """(3,) of the platform's origin, base frame [m]."""
+    rotation: FloatArray
+    """(3, 3) from platform to base axes."""
+
+    def step(self, wrench: FloatArray, dt_s: float) -> bool:
+        """Advance under the (6,) cable wrench (base axes); return whether the pose has changed."""
+
+
+class RigidTarget:
+    """Never moves."""
+
+    def __init__(self, geometry: RigGeometry) -> None:
+        """Stand at the reference pose."""
+        self.position = np.array(geometry.reference_position)
+        self.rotation = np.array(geometry.reference_rotation)
+
+    def step(self, wrench: FloatArray, dt_s: float) -> bool:
+        """Stay."""
+        del wrench, dt_s
+        return False

@@ -1,0 +1,22 @@
+"""Compile and cache the simulation's kernels once, so that no run waits for that."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cabols_control.configuration import load_config, packaged
+from cabols_control.rig import load_rig
+from cabols_hw.card_config import CardConfig
+from cabols_sim.closed_loop import simulate
+from cabols_sim.plant_config import PlantConfig
+
+
+def main() -> None:
+    """Call the compiled closed loop once."""
+    card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
+    plant = load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml"))
+    simulate(load_rig(), card, plant, np.zeros((5, 6)))
+
+
+if __name__ == "__main__":
+    main()

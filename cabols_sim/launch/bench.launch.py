@@ -1,0 +1,22 @@
+"""Launch the simulated bench: the same table of nodes that `make demo` starts.
+
+ros2 launch cabols_sim bench.launch.py program:=steps auto_start:=true output:=bags/my_run
+"""
+
+from launch.actions import OpaqueFunction
+
+from cabols_control.graph import bench_graph
+from cabols_control.ros.launching import argument_values, arguments, launch_nodes
+from launch import Action, LaunchContext, LaunchDescription
+
+
+def start(context: LaunchContext) -> list[Action]:
+    """Make the nodes once the arguments are known."""
+    values = argument_values(context)
+    graph = bench_graph(lockstep=values["lockstep"], record=values["record"])
+    return launch_nodes(graph, values)
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments and start the graph."""
+    return LaunchDescription([*arguments("bench"), OpaqueFunction(function=start)])
