@@ -1,0 +1,36 @@
+"""Shared fixtures. A test that uses DDS asks for `isolated`: own domain, this machine only."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+# What `make` sets too, for who runs pytest by hand.
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+from cabols_control.configuration import load_config, packaged
+from cabols_control.rig import load_rig
+from cabols_hw.card_config import CardConfig
+from cabols_sim.plant_config import PlantConfig
+
+
+@pytest.fixture(scope="session")
+def rig():
+    return load_rig()
+
+
+@pytest.fixture(scope="session")
+def card():
+    return load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
+
+
+@pytest.fixture(scope="session")
+def plant_config():
+    return load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml"))
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(20261122)

@@ -1,0 +1,435 @@
+"""A bench run from a bag: joining, judging, drawing, reporting."""
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cabols_control.bags.reader import Bag, Series
+from cabols_control.configuration import load_config, packaged
+from cabols_control.programs import load_program
+from cabols_control.rig import load_rig
+from cabols_hw.card_config import CardConfig
+from cabols_sim.analysis import (
+    RunError,
+    checks,
+    designed_response,
+    designed_rise_time,
+    join_run,
+    summarise,
+    table,
+)
+from cabols_sim.closed_loop import simulate
+from cabols_sim.figures import decimate, write_figures
+from cabols_sim.plant_config import PlantConfig
+from cabols_sim.recorded_run import BenchRun
+from cabols_sim.report import write_report
+from cabols_sim.reproductions import plain, reproduce_gains
+
+START_NS = 1_700_000_000_000_000_000
+BEFORE = 300
+"""Samples in PRETIGHTENING."""
+
+
+def series(topic: str, stamps_ns, **columns) -> Series:
+    stamps = np.asarray(stamps_ns, np.int64)
+    return Series(
+        topic=topic,
+        type_name="",
+        log_time_ns=stamps.copy(),
+        publish_time_ns=stamps.copy(),
+        sequence=np.zeros_like(stamps),
+        stamp_ns=stamps,
+        stamp=1e-9 * (stamps - START_NS),
+        _columns=columns,
+    )
+
+
+def wrench_columns(wrench):
+    names = [f"wrench.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"]
+    return dict(zip(names, wrench.T, strict=True))
+
+
+@cache
+def trace(program: str, linear: bool):
+    rig = load_rig()
+    card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
+    plant = load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml"))
+    chosen = load_program(program)
+    desired = np.array([chosen.at(t) for t in np.arange(0.0, chosen.duration, 0.001)])
+    return simulate(rig, card, plant.linear() if linear else plant, desired)
+
+
+def make_bag(program: str = "multi_axis", linear: bool = False) -> Bag:
+    """A bag as the recorder would write it: pre-tightening, loading, stop."""
+    data = trace(program, linear)
+    loaded = data.time.size
+    k, n = BEFORE + loaded, data.tension.shape[1]
+    stamps = START_NS + np.arange(k) * 1_000_000
+    sequence = np.arange(1, k + 1)
+    pad = [(BEFORE, 0), (0, 0)]
+
+    def padded(values, fill=0.0):
+        return np.pad(values, pad, constant_values=fill)
+
+    limbs = np.tile(np.arange(n), (k, 1))
+    loading_ns = int(stamps[BEFORE])
+    status_stamps = stamps[::100]
+    zeros = np.zeros(status_stamps.size)
+    topics = {
+        "limb_state": series(
+            "limb_state",
+            stamps,
+            sequence=sequence.astype(np.uint64),
+            tension=padded(data.tension_estimate, np.nan),
+            switch_closed=padded(data.tension > 4.7, False),
+        ),
+        "wrench": series("wrench", stamps, **wrench_columns(padded(data.measured))),
+        "tension_command": series(
+            "tension_command",
+            stamps,
+            sequence=sequence.astype(np.uint64),
+            limb=limbs,
+            tension=padded(data.tension_command),
+            feasible=np.ones(k, bool),
+            control=np.zeros((k, 6)),
+            desired=padded(data.desired),
+        ),
+        # The node repeats its last stamp with zero current when it ends.
+        "motor_current": series(
+            "motor_current",
+            [*stamps, stamps[-1]],
+            sequence=np.append(sequence, k).astype(np.uint64),
+            tension_sequence=np.maximum(np.append(sequence, k) - 1, 0).astype(np.uint64),
+            limb=np.vstack([limbs, limbs[:1]]),
+            current=np.vstack([padded(data.current), np.zeros((1, n))]),
+        ),
+        # The supervisor's first message comes before any sample: its stamp is zero.
+        "mode": series(
+            "mode",
+            [0, START_NS, loading_ns, loading_ns + 200_000_000],
+            mode=np.array([0, 1, 2, 2], np.uint8),
+            reason=["start", "requested", "requested", "requested"],
+        ),
+        "loop_status": series(
+            "loop_status",
+            status_stamps,
+            node=["plant"] * status_stamps.size,
+            state=np.ones(status_stamps.size, np.uint8),
+            reason=[""] * status_stamps.size,
+            cycles=(np.arange(status_stamps.size) * 100).astype(np.uint64),
+            lost=zeros,
+            late=np.where(np.arange(status_stamps.size) > 10, 7, 2),
+            infeasible=zeros,
+            work_time=zeros + 1e-4,
+            work_time_p99=zeros + 2e-4,
+            round_trip=zeros + 5e-4,
+            round_trip_p99=zeros + 9e-4,
+        ),
+    }
+    counts = {name: len(entry) for name, entry in topics.items()}
+    return Bag(Path("/bags/fake"), {"program": program, "rig": "a: 1\n"}, START_NS, topics, counts)
+
+
+def keep(entry: Series, rows) -> Series:
+    columns = {
+        name: [values[k] for k in np.arange(len(entry))[rows]]
+        if isinstance(values, list)
+        else values[rows]
+        for name, values in entry._columns.items()
+    }
+    return series(entry.topic, entry.stamp_ns[rows], **columns)
+
+
+def changed(bag: Bag, **topics: Series) -> Bag:
+    return replace(bag, topics={**bag.topics, **topics})
+
+
+@cache
+def whole_run() -> BenchRun:
+    return join_run(make_bag())
+
+
+@cache
+def whole_summary() -> dict:
+    return summarise(whole_run(), load_rig())
+
+
+def test_topics_are_joined_by_stamp():
+    run, data = whole_run(), trace("multi_axis", False)
+    loading = run.loading
+    assert loading.sum() == data.time.size
+    np.testing.assert_allclose(run.time[loading], data.time, atol=1e-9)
+    np.testing.assert_array_equal(run.desired[loading], data.desired)
+    np.testing.assert_array_equal(run.measured[loading], data.measured)
+    np.testing.assert_array_equal(run.tension[loading], data.tension_estimate)
+    np.testing.assert_array_equal(run.tension_command[loading], data.tension_command)
+    # Also the last row: the zero current that ends the node does not replace the answer.
+    np.testing.assert_array_equal(run.current[loading], data.current)
+    assert np.isnan(run.tension[~loading]).all()
+    assert run.answered.all()
+    assert run.feasible.all()
+    np.testing.assert_array_equal(run.command_delay[1:], 1.0)
+    assert run.lost == {"limb_state": 0, "wrench": 0, "tension_command": 0, "motor_current": 0}
+
+
+def test_modes_are_intervals_from_the_start_of_loading():
+    modes = whole_run().modes
+    assert [mode.mode.name for mode in modes] == ["STOPPED", "PRETIGHTENING", "LOADING"]
+    assert modes[0].start == pytest.approx(-0.3)
+    assert modes[2].start == 0.0
+    assert modes[2].end == pytest.approx(whole_run().time[-1])
+
+
+def test_counters_are_those_of_loading():
+    health = whole_run().health["plant"]
+    assert health.late == 5
+    assert health.cycles == pytest.approx(whole_run().loading.sum(), abs=100)
+    assert health.round_trip == 5e-4
+    summary = whole_summary()
+    assert summary["late_cycles"] == 5
+    assert summary["late_cycles_percent"] == pytest.approx(100 * 5 / health.cycles)
+    assert summary["round_trip_p99_s"] == 9e-4
+
+
+def test_missing_answers_are_nan_and_counted():
+    bag = make_bag()
+    k = len(bag["tension_command"])
+    dropped = np.isin(np.arange(k), [BEFORE + 1000, BEFORE + 1001])
+    run = join_run(
+        changed(
+            bag,
+            tension_command=keep(bag["tension_command"], ~dropped),
+            motor_current=keep(bag["motor_current"], ~np.append(dropped, False)),
+            wrench=keep(bag["wrench"], np.arange(k) != BEFORE + 1500),
+            limb_state=keep(bag["limb_state"], np.arange(k) != BEFORE + 1700),
+        )
+    )
+    assert run.lost == {"limb_state": 1, "wrench": 1, "tension_command": 2, "motor_current": 2}
+    assert np.isnan(run.desired[BEFORE + 1000]).all()
+    assert np.isnan(run.current[BEFORE + 1001]).all()
+    assert not run.answered[BEFORE + 1000]
+    assert not run.feasible[BEFORE + 1000]
+    summary = summarise(run, load_rig())
+    assert summary["unanswered_samples"] == 2
+    assert summary["rise_time_s"] == pytest.approx(whole_summary()["rise_time_s"], abs=2e-3)
+
+
+def test_currents_of_two_nodes_are_put_together():
+    bag = make_bag()
+    answers = bag["motor_current"]
+    first, second = keep(answers, slice(None)), keep(answers, slice(None))
+    merged = {}
+    for name in ("sequence", "tension_sequence"):
+        merged[name] = np.concatenate([first[name], second[name]])
+    merged["limb"] = [row[:3] for row in first["limb"]] + [row[3:] for row in second["limb"]]
+    merged["current"] = [row[:3] for row in first["current"]]
+    merged["current"] += [row[3:] for row in second["current"]]
+    stamps = np.concatenate([first.stamp_ns, second.stamp_ns])
+    run = join_run(changed(bag, motor_current=series("motor_current", stamps, **merged)))
+    np.testing.assert_array_equal(run.current, whole_run().current)
+
+
+def test_wrench_is_turned_to_base_axes():
+    bag = make_bag()
+    stamps = bag["wrench"].stamp_ns[::4]
+    half = np.sqrt(0.5)
+    turn = {"x": 0.0, "y": 0.0, "z": half, "w": half}
+    columns = {f"pose.orientation.{axis}": np.full(stamps.size, v) for axis, v in turn.items()}
+    run = join_run(changed(bag, platform_pose=series("platform_pose", stamps, **columns)))
+    straight = whole_run().measured
+    # A quarter turn about z: the platform's x is the base's y.
+    np.testing.assert_allclose(run.measured[:, 1], straight[:, 0], atol=1e-9)
+    np.testing.assert_allclose(run.measured[:, 3], -straight[:, 4], atol=1e-9)
+
+
+def test_fewer_limbs_are_no_problem():
+    bag = make_bag()
+    state, command, answer = (bag[t] for t in ("limb_state", "tension_command", "motor_current"))
+
+    def six(entry, names):
+        cut = {name: entry[name][:, :6] for name in names}
+        return series(entry.topic, entry.stamp_ns, **{**entry._columns, **cut})
+
+    run = join_run(
+        changed(
+            bag,
+            limb_state=six(state, ["tension", "switch_closed"]),
+            tension_command=six(command, ["limb", "tension"]),
+            motor_current=six(answer, ["limb", "current"]),
+        )
+    )
+    assert run.limbs == 6
+    assert run.current.shape[1] == 6
+
+
+def test_a_run_that_never_loaded_says_why():
+    bag = make_bag()
+    mode = series("mode", [0, START_NS], mode=np.array([0, 4]), reason=["start", "limb 3 slack"])
+    with pytest.raises(RunError, match=r"reached LOADING, got the modes STOPPED .*limb 3 slack"):
+        join_run(changed(bag, mode=mode))
+
+
+def test_a_missing_topic_is_named():
+    bag = make_bag()
+    topics = {name: entry for name, entry in bag.topics.items() if name != "motor_current"}
+    with pytest.raises(RunError, match="no messages of motor_current"):
+        join_run(replace(bag, topics=topics))
+
+
+def test_the_full_plant_keeps_what_was_designed():
+    summary = whole_summary()
+    assert summary["rise_time_designed_s"] == pytest.approx(0.233, abs=1e-3)
+    assert summary["rise_time_s"] == pytest.approx(0.233, abs=0.01)
+    assert summary["rise_time_min_s"] > 0.203
+    assert summary["rise_time_max_s"] < 0.263
+    assert summary["cross_coupling_percent"] < 2.0
+    assert 0.3 < summary["current_peak_a"] < 3.0
+    assert summary["tension_min_n"] > 0.5
+    assert summary["tension_max_n"] < 150.0
+    assert summary["infeasible_cycles"] == 0
+    assert summary["steady_error_percent"] < 0.2
+    assert summary["deviation_from_design_percent"] < 2.0
+    assert all(check.met is not False for check in checks(summary))
+
+
+def test_the_linear_plant_follows_the_design():
+    summary = summarise(join_run(make_bag("steps", linear=True)), load_rig())
+    assert summary["steps"] == 12
+    assert summary["rise_time_s"] == pytest.approx(0.233, abs=0.01)
+    assert summary["cross_coupling_percent"] < 0.01
+    # 0.8 % of a step by sampling; the steps are at most 27 % of rated.
+    assert summary["deviation_from_design_percent"] < 0.4
+
+
+def test_a_smooth_programme_has_no_rise_time():
+    summary = summarise(join_run(make_bag("sines")), load_rig())
+    assert summary["steps"] == 0
+    assert summary["rise_time_s"] is None
+    assert summary["cross_coupling_percent"] is None
+    assert "not measured" in table(summary)
+    assert summary["deviation_from_design_percent"] < 2.0
+
+
+def test_summary_is_json():
+    text = json.dumps(whole_summary(), allow_nan=False)
+    assert json.loads(text)["samples"] == 20500
+
+
+def test_table_tells_what_is_not_met():
+    bad = {**whole_summary(), "rise_time_s": 0.4, "faults": {"plant": "a gauge is saturated"}}
+    lines = table(bad).splitlines()
+    rise = next(line for line in lines if line.startswith("rise time"))
+    assert "0.400 s" in rise
+    assert "0.233 s designed" in rise
+    assert rise.endswith("NOT MET")
+    assert lines[-1] == "fault of plant: a gauge is saturated"
+    assert max(len(line) for line in lines) < 120
+
+
+def test_designed_response_is_the_transfer_function():
+    rig = load_rig()
+    desired = np.zeros((1000, 6))
+    desired[:, 2] = 1.0
+    response = designed_response(rig, desired, 1e-3)[:, 2]
+    time = np.arange(1000) * 1e-3
+    poles = np.array([10.0, 40.0, 90.0])
+    residues = [-np.prod(poles) / (p * np.prod([q - p for q in poles if q != p])) for p in poles]
+    exact = 1.0 + np.exp(-np.outer(time, poles)) @ residues
+    # lfilter shows the input's effect one sample after it, as the held input does.
+    np.testing.assert_allclose(response, exact, atol=1e-9)
+    assert designed_rise_time(rig) == pytest.approx(0.2332, abs=1e-4)
+
+
+def test_decimation_keeps_peaks_and_order():
+    time = np.arange(100_000) * 1e-3
+    values = np.sin(time)
+    values[54_321], values[77_777], values[5] = 9.0, -9.0, np.nan
+    x, y = decimate(time, values, 1000)
+    assert x.size <= 1010
+    assert (np.diff(x) > 0).all()
+    assert (x[0], x[-1]) == (time[0], time[-1])
+    assert np.nanmax(y) == 9.0
+    assert np.nanmin(y) == -9.0
+    assert x[np.nanargmax(y)] == time[54_321]
+
+
+def test_figures_are_pictures(tmp_path):
+    paths = write_figures(whole_run(), tmp_path / "new", whole_summary())
+    assert {path.stem for path in paths} == {
+        "overview", "wrench", "tensions", "tension_errors", "currents",
+    }  # fmt: skip
+    for path in paths:
+        assert path.read_bytes().startswith(b"\x89PNG")
+        assert path.stat().st_size > 20_000
+
+
+class Loads(HTMLParser):
+    """Collects what a page would load, and its pictures and headings."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loaded: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        for name, value in attrs:
+            if name in ("src", "href", "srcset", "data", "poster", "action") and value:
+                self.loaded.append(value)
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_report_needs_no_network(tmp_path):
+    gains = reproduce_gains()
+    path = write_report(
+        tmp_path / "report.html",
+        whole_run(),
+        whole_summary(),
+        {"gains": gains},
+        {"commit": "<0123abc>"},
+    )
+    content = path.read_text(encoding="utf-8")
+    page = Loads()
+    page.feed(content)
+    assert [
+        link for link in page.loaded if not link.startswith(("#", "data:image/png;base64,"))
+    ] == []
+    assert not re.search(r"url\(\s*['\"]?https?:", content.partition("</style>")[0])
+    assert not re.search(r"@import", content.partition("</style>")[0])
+    text = "".join(page.text)
+    assert gains.title in text
+    assert "1.0212 *" in text
+    assert "<0123abc>" in text
+    assert "rise time 10-90 %" in text
+    assert "PRETIGHTENING" in text
+    assert sum(link.startswith("data:image/png") for link in page.loaded) == 1
+    assert content.count("data-root-id") == 9
+    assert path.stat().st_size < 15e6
+
+
+def test_report_without_reproductions(tmp_path):
+    path = write_report(tmp_path / "report.html", whole_run(), whole_summary())
+    assert "Reproductions" not in path.read_text(encoding="utf-8")
+
+
+def test_plain_numbers_are_json():
+    assert plain({"a": (np.float64(1.5), float("nan"))}) == {"a": [1.5, None]}
+
+
+def test_a_fault_while_loading_is_not_met():
+    bag = make_bag()
+    stamps = [0, START_NS, bag["limb_state"].stamp_ns[BEFORE], bag["limb_state"].stamp_ns[5000]]
+    reason = ["start", "requested", "requested", "plant: watchdog"]
+    mode = series("mode", stamps, mode=np.array([0, 1, 2, 4]), reason=reason)
+    run = join_run(changed(bag, mode=mode))
+    summary = summarise(run, load_rig())
+    assert summary["duration_s"] == pytest.approx(4.699)
+    assert summary["loading_ended_by"] == "FAULT (plant: watchdog)"
+    assert checks(summary)[0].met is False

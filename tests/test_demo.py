@@ -1,0 +1,41 @@
+"""The demo as a user starts and interrupts it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+
+import psutil
+
+from cabols_control.bags.reader import read_bag
+from cabols_control.processes import executable_path
+from graph_harness import next_environment
+
+
+def test_ctrl_c_ends_everything_and_keeps_the_bag(tmp_path):
+    output = tmp_path / "demo"
+    demo = subprocess.Popen(
+        # Slow motion: a stall of a busy machine must not trip the rig's watchdogs.
+        [str(executable_path("cabols_sim", "demo")), "--output", str(output), "--speed", "0.2"],
+        env={**os.environ, **next_environment()},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    lines = []
+    assert demo.stdout is not None
+    for line in demo.stdout:
+        lines.append(line)
+        if "mode LOADING" in line:
+            break
+    nodes = psutil.Process(demo.pid).children(recursive=True)
+    assert len(nodes) == 6, "".join(lines)
+    demo.send_signal(signal.SIGINT)
+    rest = demo.communicate(timeout=30)[0]
+    assert demo.returncode == 130, "".join(lines) + rest
+    assert "motors at zero" in rest
+    assert not [node for node in nodes if node.is_running()]
+    bag = read_bag(output / "bag")
+    assert len(bag["limb_state"]) > 100
+    assert (bag["mode"]["mode"] == 2).any()
