@@ -16,6 +16,8 @@ class OperatingMode(IntEnum):
     LOADING = 2
     FREE_MOVING = 3
     FAULT = 4
+    UNLOADING = 5
+    COMMISSIONING = 6
 
 
 AVAILABLE = (OperatingMode.STOPPED, OperatingMode.PRETIGHTENING, OperatingMode.LOADING)
