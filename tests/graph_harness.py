@@ -58,6 +58,23 @@ class Watcher:
         self.wait(lambda: publisher.get_subscription_count() > 0, f"a reader of {topic}")
         return publisher
 
+    def publish_until(
+        self, publisher: Any, message: Any, condition: Callable[[], bool], what: str
+    ) -> None:
+        """Publish again and again until it has had its effect.
+
+        A single sample of a best-effort, keep-last-1 topic may meet a reader that has not matched
+        yet, or be replaced by another publisher's before it is read.
+        """
+
+        def repeated() -> bool:
+            if condition():
+                return True
+            publisher.publish(message)
+            return False
+
+        self.wait(repeated, what)
+
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """Call a service and wait for its answer."""
         client = self.node.create_client(service_type, name)

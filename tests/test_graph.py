@@ -97,23 +97,29 @@ def test_services_and_bad_messages():
         bad = WrenchStamped()
         bad.header.frame_id = "rig_base"
         bad.wrench.force.x = float("nan")
-        desired.publish(bad)
-        watcher.wait(
+        watcher.publish_until(
+            desired,
+            bad,
             lambda: any("finite" in r for r in reports(watcher, "wrench_controller")),
             "a report on NaN",
         )
         bad.wrench.force.x = 1.0
         bad.header.frame_id = "the_moon"
-        desired.publish(bad)
-        watcher.wait(
+        watcher.publish_until(
+            desired,
+            bad,
             lambda: any("the_moon" in r for r in reports(watcher, "wrench_controller")),
             "a report on the frame",
         )
         assert Mode.FAULT not in watcher.modes(), "refused input does not stop a load"
 
         tension = watcher.publisher("tension_command")
-        tension.publish(TensionCommand(tension=[1.0] * 7, limb=list(range(7))))
-        watcher.wait(lambda: Mode.FAULT in watcher.modes(), "FAULT")
+        watcher.publish_until(
+            tension,
+            TensionCommand(tension=[1.0] * 7, limb=list(range(7))),
+            lambda: Mode.FAULT in watcher.modes(),
+            "FAULT",
+        )
         fault = next(m for m in watcher.seen["mode"] if m.mode == Mode.FAULT)
         assert "expected 8 values, got 7" in fault.reason
         watcher.wait(lambda: not any(watcher.seen["limb_state"][-1].current), "zero current")
