@@ -7,16 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cabols_control.modes import ModeMachine, OperatingMode
+from cabols_control.modes import Condition, ModeMachine, OperatingMode
 from cabols_control.supervision import Supervision, SupervisionConfig
 
 READY = np.ones(8, dtype=bool)
-STOPPED, PRETIGHTENING, LOADING, FREE, FAULT = (
+STANDING = Condition(READY, fresh=True)
+STOPPED, PRETIGHTENING, LOADING, FREE, FAULT, UNLOADING, COMMISSIONING = (
     OperatingMode.STOPPED,
     OperatingMode.PRETIGHTENING,
     OperatingMode.LOADING,
     OperatingMode.FREE_MOVING,
     OperatingMode.FAULT,
+    OperatingMode.UNLOADING,
+    OperatingMode.COMMISSIONING,
 )
 
 
@@ -27,39 +30,69 @@ def test_numbers_are_the_messages():
         assert getattr(Mode, mode.name) == mode.value
 
 
-def test_the_way_to_loading_and_back():
+def reach(*modes):
+    """A machine that has gone through some modes."""
     machine = ModeMachine()
-    for mode in (PRETIGHTENING, LOADING, STOPPED):
-        assert machine.request(mode, READY, True).allowed
+    for mode in modes:
+        assert machine.request(mode, STANDING).allowed
         assert machine.mode == mode
+    return machine
 
 
-@pytest.mark.parametrize(
-    ("wanted", "zeroed", "fresh", "reason"),
-    [
-        (LOADING, READY, True, "LOADING follows PRETIGHTENING"),
-        (PRETIGHTENING, None, True, "no limb state"),
-        (PRETIGHTENING, READY, False, "no limb state"),
-        (FREE, READY, True, "cannot be asked for"),
-        (FAULT, READY, True, "cannot be asked for"),
-        (17, READY, True, "expected one of"),
-        (-1, READY, True, "expected one of"),
-    ],
-)
-def test_refusals_from_stopped(wanted, zeroed, fresh, reason):
-    machine = ModeMachine()
-    verdict = machine.request(wanted, zeroed, fresh)
-    assert not verdict.allowed
-    assert reason in verdict.reason
+@pytest.mark.parametrize("wanted", [STOPPED, FREE, PRETIGHTENING])
+def test_loading_is_left_through_unloading(wanted):
+    machine = reach(FREE, PRETIGHTENING, LOADING)
+    assert machine.request(wanted, STANDING).allowed
+    assert machine.mode == UNLOADING
+    machine.unloaded()
+    assert machine.mode == wanted
+
+
+def test_the_newest_wish_counts_while_unloading():
+    machine = reach(PRETIGHTENING, LOADING)
+    machine.request(FREE, STANDING)
+    machine.request(STOPPED, STANDING)
+    assert not machine.request(LOADING, STANDING).allowed
+    machine.unloaded()
     assert machine.mode == STOPPED
 
 
+@pytest.mark.parametrize(
+    ("before", "wanted", "condition", "reason"),
+    [
+        ((), LOADING, STANDING, "LOADING follows PRETIGHTENING"),
+        ((), PRETIGHTENING, Condition(None, fresh=True), "no limb state"),
+        ((), PRETIGHTENING, Condition(READY, fresh=False), "no limb state"),
+        ((), FREE, Condition(READY, fresh=False), "no limb state"),
+        ((), PRETIGHTENING, Condition(READY, True, 0.05), "50 mm/s"),
+        ((), PRETIGHTENING, Condition(READY, True, float("nan")), "stands still"),
+        ((), UNLOADING, STANDING, "cannot be asked for"),
+        ((), FAULT, STANDING, "cannot be asked for"),
+        ((), 17, STANDING, "expected one of"),
+        ((), -1, STANDING, "expected one of"),
+        ((FREE,), LOADING, STANDING, "the mode is FREE_MOVING"),
+        ((FREE,), COMMISSIONING, STANDING, "follows STOPPED or PRETIGHTENING"),
+        ((PRETIGHTENING,), COMMISSIONING, Condition(~READY, True), "not pre-tightened"),
+        ((PRETIGHTENING, COMMISSIONING), LOADING, STANDING, "the mode is COMMISSIONING"),
+    ],
+)
+def test_refusals(before, wanted, condition, reason):
+    machine = reach(*before)
+    verdict = machine.request(wanted, condition)
+    assert not verdict.allowed
+    assert reason in verdict.reason
+    assert machine.mode == (before[-1] if before else STOPPED)
+
+
+def test_cables_may_follow_a_platform_that_moves():
+    assert ModeMachine().request(FREE, Condition(~READY, True, 0.05)).allowed
+
+
 def test_loading_names_the_limbs_that_are_slack():
-    machine = ModeMachine()
-    machine.request(PRETIGHTENING, READY, True)
+    machine = reach(PRETIGHTENING)
     zeroed = READY.copy()
     zeroed[[2, 6]] = False
-    assert "2, 6" in machine.request(LOADING, zeroed, True).reason
+    assert "2, 6" in machine.request(LOADING, Condition(zeroed, True)).reason
 
 
 def test_fault_is_latched_and_keeps_its_first_reason():
@@ -67,7 +100,7 @@ def test_fault_is_latched_and_keeps_its_first_reason():
     machine.fault("first")
     machine.fault("second")
     for mode in OperatingMode:
-        assert not machine.request(mode, READY, True).allowed
+        assert not machine.request(mode, STANDING).allowed
     assert machine.reason == "first"
     assert machine.reset().allowed
     assert machine.mode == STOPPED
@@ -79,7 +112,7 @@ def test_fault_is_left_by_reset_only(requests, fresh):
     machine = ModeMachine()
     machine.fault("test")
     for wanted in requests:
-        machine.request(wanted, READY, fresh)
+        machine.request(wanted, Condition(READY, fresh))
     assert machine.mode == FAULT
 
 
@@ -159,3 +192,68 @@ def test_a_nodes_fault_stops_the_rig():
     core.hear_report("limb_controller", 0.0, False, "tension_command is stale")
     assert core.mode == FAULT
     assert core.reason == "limb_controller: tension_command is stale"
+
+
+def load(core, now_s):
+    """Bring a supervised core to LOADING; returns the time then."""
+    core.hear_state(now_s, READY)
+    assert core.request(PRETIGHTENING, now_s).allowed
+    core.hear_state(now_s + 0.2, READY)
+    assert core.request(LOADING, now_s + 0.2).allowed
+    return now_s + 0.2
+
+
+def test_zeros_of_before_do_not_count_for_loading():
+    core = supervised()
+    core.hear_state(1.0, READY)
+    assert core.request(PRETIGHTENING, 1.0).allowed
+    core.hear_state(1.05, READY)
+    assert "not pre-tightened" in core.request(LOADING, 1.05).reason
+    core.hear_state(1.15, READY)
+    assert core.request(LOADING, 1.15).allowed
+
+
+def test_unloading_ends_when_every_limb_is_low():
+    core = supervised()
+    now_s = load(core, 1.0)
+    assert core.request(FREE, now_s).allowed
+    core.hear_state(now_s + 0.1, READY, np.full(8, 50.0))
+    assert core.mode == UNLOADING
+    core.hear_state(now_s + 0.2, READY, np.r_[np.full(7, 5.0), np.nan])
+    assert core.mode == UNLOADING
+    core.hear_state(now_s + 0.3, READY, np.full(8, 5.0))
+    assert core.mode == FREE
+
+
+def test_a_limb_that_does_not_unload_is_named():
+    core = supervised(unload_timeout_s=1.0, report_timeout_s=9.0)
+    now_s = load(core, 1.0)
+    core.request(STOPPED, now_s)
+    tension = np.full(8, 5.0)
+    tension[4] = 60.0
+    for k in range(12):
+        core.hear_state(now_s + 0.1 * (k + 1), READY, tension)
+    assert core.mode == FAULT
+    assert "[4]" in core.reason
+
+
+def test_a_moving_platform_is_not_pretightened():
+    core = supervised()
+    for k in range(3):
+        core.hear_pose(1.0 + 0.02 * k, np.array([0.001 * k, 0.0, 0.0]))
+        core.hear_state(1.0 + 0.02 * k, READY)
+    assert "50 mm/s" in core.request(PRETIGHTENING, 1.04).reason
+    core.hear_pose(1.06, np.array([0.002, 0.0, 0.0]))
+    assert core.request(PRETIGHTENING, 1.06).allowed
+
+
+def test_echo_of_a_fault_does_not_undo_the_reset():
+    core = supervised()
+    core.hear_state(1.0, READY)
+    core.hear_report("plant", 1.0, False, "cable: limb 3")
+    assert core.mode == FAULT
+    assert core.reset().allowed
+    core.hear_report("plant", 1.2, False, "cable: limb 3")
+    assert core.mode == STOPPED
+    core.hear_report("plant", 1.7, False, "cable: limb 3")
+    assert core.mode == FAULT

@@ -46,7 +46,7 @@ CONTROLLERS = (
     NodeSpec(
         "cabols_control",
         "supervisor",
-        ("limb_state", "loop_status"),
+        ("limb_state", "platform_pose", "loop_status"),
         ("mode", "loop_status"),
     ),
     NodeSpec(

@@ -20,8 +20,45 @@ class OperatingMode(IntEnum):
     COMMISSIONING = 6
 
 
-AVAILABLE = (OperatingMode.STOPPED, OperatingMode.PRETIGHTENING, OperatingMode.LOADING)
-"""Modes that can be asked for; FAULT is only entered, FREE_MOVING is not built yet."""
+MOVING = (
+    OperatingMode.PRETIGHTENING,
+    OperatingMode.LOADING,
+    OperatingMode.FREE_MOVING,
+    OperatingMode.UNLOADING,
+    OperatingMode.COMMISSIONING,
+)
+"""Modes in which currents may flow."""
+
+LOADED = (OperatingMode.LOADING, OperatingMode.UNLOADING)
+"""Modes in which the tensions are the wrench's, or on their way down from it."""
+
+NEXT: dict[OperatingMode, tuple[OperatingMode, ...]] = {
+    OperatingMode.STOPPED: (
+        OperatingMode.PRETIGHTENING,
+        OperatingMode.FREE_MOVING,
+        OperatingMode.COMMISSIONING,
+    ),
+    OperatingMode.FREE_MOVING: (OperatingMode.STOPPED, OperatingMode.PRETIGHTENING),
+    OperatingMode.PRETIGHTENING: (
+        OperatingMode.STOPPED,
+        OperatingMode.FREE_MOVING,
+        OperatingMode.LOADING,
+        OperatingMode.COMMISSIONING,
+    ),
+    OperatingMode.LOADING: (
+        OperatingMode.STOPPED,
+        OperatingMode.FREE_MOVING,
+        OperatingMode.PRETIGHTENING,
+    ),
+    OperatingMode.UNLOADING: (
+        OperatingMode.STOPPED,
+        OperatingMode.FREE_MOVING,
+        OperatingMode.PRETIGHTENING,
+    ),
+    OperatingMode.COMMISSIONING: (OperatingMode.STOPPED,),
+    OperatingMode.FAULT: (),
+}
+"""Where each mode may go when asked. LOADING goes there through UNLOADING; FAULT is left by reset."""
 
 
 @dataclass(frozen=True)
@@ -32,58 +69,102 @@ class Verdict:
     reason: str
 
 
+@dataclass(frozen=True)
+class Condition:
+    """What a transition depends on.
+
+    Attributes:
+        zeroed: (n,) bool, limbs whose zero is set; None before the first limb state.
+        fresh: whether limb states are arriving.
+        platform_speed: of the platform's origin [m/s]; 0 where nothing reports it.
+    """
+
+    zeroed: BoolArray | None
+    fresh: bool
+    platform_speed: float = 0.0
+
+
+STANDSTILL_M_PER_S = 0.005
+"""Slower than this the platform stands still: a pose's noise, not a motion."""
+
+
 class ModeMachine:
-    """The rig's mode: legal transitions, their conditions, the latch of FAULT."""
+    """The rig's mode: legal transitions, their conditions, the latch of FAULT.
+
+    Attributes:
+        mode: present mode.
+        reason: why it was entered.
+        pending: where UNLOADING leads; None in other modes.
+    """
 
     def __init__(self) -> None:
         """Start in STOPPED."""
         self.mode = OperatingMode.STOPPED
         self.reason = "start"
+        self.pending: OperatingMode | None = None
 
-    def request(self, wanted: int, zeroed: BoolArray | None, fresh: bool) -> Verdict:
-        """Go to another mode if that is legal now.
-
-        Args:
-            wanted: number of the mode.
-            zeroed: (n,) bool, limbs whose zero is set; None before the first limb state.
-            fresh: whether limb states are arriving.
-        """
+    def request(self, wanted: int, condition: Condition) -> Verdict:
+        """Go to another mode if that is legal now; `wanted` is its number."""
         try:
             mode = OperatingMode(wanted)
         except ValueError:
-            return Verdict(
-                False, f"mode: expected one of {[int(m) for m in AVAILABLE]}, got {wanted}"
-            )
-        verdict = self._judge(mode, zeroed, fresh)
-        if verdict.allowed and mode != self.mode:
-            self.mode, self.reason = mode, verdict.reason
+            known = ", ".join(f"{m.value} {m.name}" for m in OperatingMode)
+            return Verdict(False, f"mode: expected one of {known}, got {wanted}")
+        verdict = self._judge(mode, condition)
+        if not verdict.allowed or mode == self.mode:
+            return verdict
+        if self.mode in LOADED:
+            self.pending = mode
+            self.mode, self.reason = OperatingMode.UNLOADING, f"on the way to {mode.name}"
+            return Verdict(True, f"unloading, then {mode.name}")
+        self.mode, self.reason = mode, verdict.reason
         return verdict
 
-    def _judge(self, mode: OperatingMode, zeroed: BoolArray | None, fresh: bool) -> Verdict:
-        if mode not in AVAILABLE:
+    def unloaded(self) -> None:
+        """Go from UNLOADING to where it leads."""
+        if self.pending is not None:
+            self.mode, self.reason, self.pending = self.pending, "unloaded", None
+
+    def _judge(self, mode: OperatingMode, condition: Condition) -> Verdict:
+        if mode in (OperatingMode.FAULT, OperatingMode.UNLOADING):
             return Verdict(False, f"{mode.name} cannot be asked for")
         if self.mode == OperatingMode.FAULT:
             return Verdict(False, f"FAULT is latched ({self.reason}): mend the cause, call reset")
-        if mode == OperatingMode.STOPPED or mode == self.mode:
+        if mode == self.mode:
             return Verdict(True, "requested")
-        if zeroed is None or not fresh:
+        if mode not in NEXT[self.mode]:
+            before = [m.name for m, following in NEXT.items() if mode in following]
+            return Verdict(
+                False, f"{mode.name} follows {' or '.join(before)}, the mode is {self.mode.name}"
+            )
+        if mode == OperatingMode.STOPPED:
+            return Verdict(True, "requested")
+        return self._judge_motion(mode, condition)
+
+    def _judge_motion(self, mode: OperatingMode, condition: Condition) -> Verdict:
+        """Judge a mode in which currents flow."""
+        if condition.zeroed is None or not condition.fresh:
             return Verdict(False, "no limb state arrives: is the bridge running?")
-        if mode == OperatingMode.LOADING:
-            if self.mode != OperatingMode.PRETIGHTENING:
-                return Verdict(
-                    False, f"LOADING follows PRETIGHTENING, the mode is {self.mode.name}"
-                )
-            slack = [str(i) for i, done in enumerate(zeroed) if not done]
-            if slack:
-                return Verdict(False, f"limbs not pre-tightened yet: {', '.join(slack)}")
-        elif self.mode == OperatingMode.LOADING:
-            return Verdict(False, "leave LOADING by STOPPED first")
+        slack = [str(i) for i, done in enumerate(condition.zeroed) if not done]
+        after_tightening = self.mode == OperatingMode.PRETIGHTENING
+        needs_zeros = mode == OperatingMode.LOADING or (
+            mode == OperatingMode.COMMISSIONING and after_tightening
+        )
+        if needs_zeros and slack:
+            return Verdict(False, f"limbs not pre-tightened yet: {', '.join(slack)}")
+        stands = condition.platform_speed <= STANDSTILL_M_PER_S
+        if mode != OperatingMode.FREE_MOVING and not stands:
+            return Verdict(
+                False,
+                f"{mode.name} needs a platform that stands still; it moves at "
+                f"{1e3 * condition.platform_speed:.0f} mm/s",
+            )
         return Verdict(True, "requested")
 
     def fault(self, reason: str) -> None:
         """Latch FAULT; the first reason stays."""
         if self.mode != OperatingMode.FAULT:
-            self.mode, self.reason = OperatingMode.FAULT, reason
+            self.mode, self.reason, self.pending = OperatingMode.FAULT, reason, None
 
     def reset(self) -> Verdict:
         """Leave FAULT for STOPPED."""

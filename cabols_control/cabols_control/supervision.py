@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cabols_control.checks import BoolArray
-from cabols_control.modes import ModeMachine, OperatingMode, Verdict
+from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.modes import MOVING, Condition, ModeMachine, OperatingMode, Verdict
 
 ECHO_S = 0.5
 """So long after a reset, at rest, nodes may still report the fault that was reset."""
+
+FORGET_S = 0.1
+"""So long after PRETIGHTENING has begun, limb states may still tell of the zeros before it."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,8 @@ class SupervisionConfig:
         controllers: nodes that must report before the cables may move.
         bridges: one of these must, too: it then gets motor currents; empty for none.
         report_timeout_s: a report counts so long.
+        unloaded_tension: below it in all limbs, UNLOADING is over [N].
+        unload_timeout_s: it may take so long.
     """
 
     auto_start: bool = False
@@ -34,6 +39,8 @@ class SupervisionConfig:
     controllers: tuple[str, ...] = ("limb_controller", "wrench_controller")
     bridges: tuple[str, ...] = ("plant", "q8_ati_bridge")
     report_timeout_s: float = 1.5
+    unloaded_tension: float = 8.0
+    unload_timeout_s: float = 5.0
 
 
 class Supervision:
@@ -50,6 +57,9 @@ class Supervision:
         self._started = False
         self._reports: dict[str, float] = {}
         self._reset_s = -np.inf
+        self._platform: FloatArray | None = None
+        self._platform_s = -np.inf
+        self._platform_speed = 0.0
 
     @property
     def mode(self) -> OperatingMode:
@@ -61,22 +71,48 @@ class Supervision:
         """Why it was entered."""
         return self._machine.reason
 
-    def hear_state(self, stamp_s: float, zeroed: BoolArray) -> None:
-        """Take one limb state: its stamp and the (n,) bool zeroed."""
+    def hear_state(
+        self, stamp_s: float, zeroed: BoolArray, tension: FloatArray | None = None
+    ) -> None:
+        """Take one limb state: its stamp, the (n,) bool zeroed and the (n,) tensions [N]."""
         if np.isnan(self._first_s):
             self._first_s = stamp_s
         self._newest_s = stamp_s
         self._zeroed = np.array(zeroed, dtype=np.bool_)
         if self.mode == OperatingMode.PRETIGHTENING:
-            late = stamp_s - self._entered_s > self._config.pretension_timeout_s
-            if late and not self._zeroed.all():
-                limbs = np.flatnonzero(~self._zeroed).tolist()
-                self._machine.fault(
-                    f"pre-tightening: limbs {limbs} did not reach their switch within "
-                    f"{self._config.pretension_timeout_s:g} s"
-                )
+            self._watch_pretightening(stamp_s)
+        elif self.mode == OperatingMode.UNLOADING:
+            self._watch_unloading(stamp_s, tension)
         if self._config.auto_start:
             self._advance(stamp_s)
+
+    def _watch_pretightening(self, stamp_s: float) -> None:
+        late = stamp_s - self._entered_s > self._config.pretension_timeout_s
+        if late and self._zeroed is not None and not self._zeroed.all():
+            limbs = np.flatnonzero(~self._zeroed).tolist()
+            self._machine.fault(
+                f"pre-tightening: limbs {limbs} did not reach their switch within "
+                f"{self._config.pretension_timeout_s:g} s"
+            )
+
+    def _watch_unloading(self, stamp_s: float, tension: FloatArray | None) -> None:
+        limit = self._config.unloaded_tension
+        loaded = [] if tension is None else np.flatnonzero(~(tension <= limit)).tolist()
+        if not loaded:
+            self._machine.unloaded()
+            self._entered_s = stamp_s
+        elif stamp_s - self._entered_s > self._config.unload_timeout_s:
+            self._machine.fault(
+                f"unloading: limbs {loaded} still pull more than {limit:g} N after "
+                f"{self._config.unload_timeout_s:g} s"
+            )
+
+    def hear_pose(self, stamp_s: float, position: FloatArray) -> None:
+        """Take the platform's (3,) position [m]: its speed decides about some transitions."""
+        if self._platform is not None and stamp_s > self._platform_s:
+            moved = float(np.linalg.norm(position - self._platform))
+            self._platform_speed = moved / (stamp_s - self._platform_s)
+        self._platform, self._platform_s = np.array(position), stamp_s
 
     def hear_report(self, node: str, now_s: float, running: bool, fault: str) -> None:
         """Take a node's report: whether all its inputs arrive; fault is empty if there is none."""
@@ -89,18 +125,23 @@ class Supervision:
 
     def check_silence(self, now_s: float) -> None:
         """Latch a fault if limb states have stopped while the rig is not at rest."""
-        moving = self.mode in (OperatingMode.PRETIGHTENING, OperatingMode.LOADING)
-        if moving and not self._fresh(now_s):
+        if self.mode in MOVING and not self._fresh(now_s):
             self._machine.fault(f"no limb state for {self._config.state_timeout_s:g} s")
 
     def request(self, wanted: int, now_s: float) -> Verdict:
         """Answer a request for a mode."""
         before = self.mode
-        if wanted in (OperatingMode.PRETIGHTENING, OperatingMode.LOADING):
+        if wanted in MOVING:
             silent = self._silent(now_s)
             if silent:
                 return Verdict(False, f"no report from {', '.join(silent)}: not running?")
-        verdict = self._machine.request(wanted, self._zeroed, self._fresh(now_s))
+        zeroed = self._zeroed
+        if self.mode == OperatingMode.PRETIGHTENING and zeroed is not None:
+            # The bridge forgets the old zeros when it hears of the mode: older news do not count.
+            if not self._newest_s - self._entered_s >= FORGET_S:
+                zeroed = np.zeros_like(zeroed)
+        condition = Condition(zeroed, self._fresh(now_s), self._platform_speed)
+        verdict = self._machine.request(wanted, condition)
         if self.mode != before:
             self._entered_s = self._newest_s
         return verdict

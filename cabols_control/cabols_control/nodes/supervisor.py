@@ -37,6 +37,7 @@ class SupervisorNode(ControlNode):
             pretension_timeout_s=declare(
                 self, "pretension_timeout", 15.0, "s, pre-tightening may take so long", (0.1, 600.0)
             ),
+            unloaded_tension=1.7 * self.rig.limbs.switch_tension,
             # In lockstep the clock itself waits for the controllers.
             controllers=() if self.lockstep else SupervisionConfig.controllers,
             bridges=() if self.lockstep else SupervisionConfig.bridges,
@@ -47,6 +48,12 @@ class SupervisorNode(ControlNode):
             self,
             "limb_state",
             topics.limb_state_layout(self.rig.geometry),
+            control_qos(self.lockstep),
+        )
+        self._pose = Input(
+            self,
+            "platform_pose",
+            topics.pose_layout(self.rig.geometry),
             control_qos(self.lockstep),
         )
         self._output = self.advertise(
@@ -94,7 +101,11 @@ class SupervisorNode(ControlNode):
                 self._publish()
 
     def _hear_state(self) -> None:
-        self._core.hear_state(1e-9 * self._state.stamp_ns, self._state.record["zeroed"])
+        stamp_s = 1e-9 * self._state.stamp_ns
+        if self._pose.take():
+            self._core.hear_pose(1e-9 * self._pose.stamp_ns, self._pose.record["pose"][:3])
+        record = self._state.record
+        self._core.hear_state(stamp_s, record["zeroed"], record["tension"])
 
     def _changed(self) -> bool:
         return (int(self._core.mode), self._core.reason) != self._published
