@@ -58,7 +58,7 @@ NEXT: dict[OperatingMode, tuple[OperatingMode, ...]] = {
     OperatingMode.COMMISSIONING: (OperatingMode.STOPPED,),
     OperatingMode.FAULT: (),
 }
-"""Where each mode may go when asked. LOADING goes there through UNLOADING; FAULT is left by reset."""
+"""Where a mode may go when asked: from LOADING through UNLOADING; FAULT is left by reset."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +165,13 @@ class ModeMachine:
         """Latch FAULT; the first reason stays."""
         if self.mode != OperatingMode.FAULT:
             self.mode, self.reason, self.pending = OperatingMode.FAULT, reason, None
+
+    def emergency(self, reason: str) -> None:
+        """Latch FAULT; the reason is told also if another fault came before."""
+        self.pending = None
+        if self.mode == OperatingMode.FAULT and not self.reason.startswith(reason):
+            reason = f"{reason}, after {self.reason}"
+        self.mode, self.reason = OperatingMode.FAULT, reason
 
     def reset(self) -> Verdict:
         """Leave FAULT for STOPPED."""

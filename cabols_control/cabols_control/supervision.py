@@ -12,6 +12,9 @@ from cabols_control.modes import MOVING, Condition, ModeMachine, OperatingMode, 
 ECHO_S = 0.5
 """So long after a reset, at rest, nodes may still report the fault that was reset."""
 
+EMERGENCY = "emergency stop"
+"""How the reason of a FAULT begins that came from the service, or a button: everything is cut."""
+
 FORGET_S = 0.1
 """So long after PRETIGHTENING has begun, limb states may still tell of the zeros before it."""
 
@@ -136,10 +139,10 @@ class Supervision:
             if silent:
                 return Verdict(False, f"no report from {', '.join(silent)}: not running?")
         zeroed = self._zeroed
-        if self.mode == OperatingMode.PRETIGHTENING and zeroed is not None:
-            # The bridge forgets the old zeros when it hears of the mode: older news do not count.
-            if not self._newest_s - self._entered_s >= FORGET_S:
-                zeroed = np.zeros_like(zeroed)
+        # The bridge forgets the old zeros when it hears of the mode: older news do not count.
+        young = not self._newest_s - self._entered_s >= FORGET_S
+        if self.mode == OperatingMode.PRETIGHTENING and young and zeroed is not None:
+            zeroed = np.zeros_like(zeroed)
         condition = Condition(zeroed, self._fresh(now_s), self._platform_speed)
         verdict = self._machine.request(wanted, condition)
         if self.mode != before:
@@ -147,8 +150,8 @@ class Supervision:
         return verdict
 
     def emergency_stop(self, reason: str) -> None:
-        """Latch FAULT at once."""
-        self._machine.fault(reason)
+        """Latch FAULT at once; a reason that begins with EMERGENCY cuts unloading short, too."""
+        self._machine.emergency(reason)
 
     def reset(self) -> Verdict:
         """Leave FAULT for STOPPED; the automatic sequence does not start again."""

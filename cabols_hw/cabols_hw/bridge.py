@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
-from cabols_control.kinematics import cable_lengths_into
+from cabols_control.kinematics import cable_lengths_into, structure_matrix_into
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_hw.card_config import CardConfig
@@ -31,6 +31,9 @@ class Bridge:
         wrench: (6,) on the platform, at its origin, platform axes [N, N m].
         tared: whether the sensor's bias is known.
         saturated_gauge: whether the newest sample had a gauge at its end.
+        gauges: (6,) newest gauge voltages [V].
+        rotation: (3, 3) platform to base, of the newest pose.
+        structure: (6, n) structure matrix at the newest pose.
     """
 
     def __init__(self, rig: Rig, card: CardConfig) -> None:
@@ -58,14 +61,17 @@ class Bridge:
         self.wrench = np.zeros(6)
         self.tared = False
         self.saturated_gauge = False
+        self.gauges = np.zeros(6)
+        self.rotation = np.eye(3)
+        self.structure = np.zeros((6, n))
         self.set_pose(rig.geometry.reference_position, rig.geometry.reference_rotation)
 
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
         """Take the platform's pose, (3,) [m] and (3, 3), base frame."""
-        geometry = self._rig.geometry
-        cable_lengths_into(
-            geometry.base_points, geometry.platform_points, position, rotation, self._length
-        )
+        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
+        self.rotation[:] = rotation
+        cable_lengths_into(*points, position, self.rotation, self._length)
+        structure_matrix_into(*points, position, self.rotation, self.structure)
 
     @property
     def current(self) -> FloatArray:
@@ -88,6 +94,7 @@ class Bridge:
         if not self._started:
             self._raw[:] = sample.encoders
             self._started = True
+        self.gauges[:] = sample.analog
         np.not_equal(sample.digital, card.switch_active_low, out=self.switch_closed)
         limbs_into(
             sample.encoders,

@@ -40,6 +40,9 @@ class Daq(Protocol):
     def write(self, volts: FloatArray) -> None:
         """Set all outputs [V] and reload the watchdog."""
 
+    def enable(self, on: bool) -> None:
+        """Switch the amplifiers on or off; they are on from start() to close()."""
+
     @property
     def watchdog_expired(self) -> bool:
         """Whether the card itself has zeroed its outputs; latched until cleared."""

@@ -95,6 +95,13 @@ class SimulatedQ8:
             self._armed = True
             self.plant.drive(self._volts)
 
+    def enable(self, on: bool) -> None:
+        """Switch the amplifiers on or off."""
+        with self._lock:
+            if not self._lockstep:
+                self._advance_to(self._elapsed_ns())
+            self.plant.enabled = on
+
     def _advance_to(self, plant_ns: int) -> None:
         """Let the plant's time pass; the card's own watchdog runs on it."""
         if self._armed and not self._expired:

@@ -10,11 +10,14 @@ from cabols_control.kinematics import cable_lengths_into, structure_matrix_into
 from cabols_control.rig import Rig
 from cabols_hw.card_config import ENCODER_MODULUS, CardConfig
 from cabols_hw.scaling import quantise
+from cabols_sim.faults import PlantFaults
 from cabols_sim.physics import advance_limbs, cable_wrench
 from cabols_sim.plant_config import PlantConfig
 from cabols_sim.target import RigidTarget, Target
 
 AMPLIFIER_LIMIT_A = 3.82
+PARTED_M = 10.0
+"""A parted cable is so much too long."""
 
 
 @njit(cache=True)
@@ -72,6 +75,8 @@ class Plant:
         tension: (n,) true tensions [N].
         wrench: (6,) true wrench of the cables on the platform, base axes [N, N m].
         target: what holds the platform.
+        faults: what is made to go wrong.
+        enabled: whether the amplifiers are on.
     """
 
     def __init__(
@@ -105,6 +110,10 @@ class Plant:
         self._gauge_matrix = np.asarray(np.linalg.inv(card.ft_matrix), dtype=np.float64)
         self.tension = np.zeros(n)
         self.wrench = np.zeros(6)
+        self.faults = PlantFaults(n)
+        self.enabled = True
+        self._parted = np.zeros(n, dtype=np.bool_)
+        self._time = 0.0
         self.target: Target = target if target is not None else RigidTarget(rig.geometry)
         self._place()
         slack = config.limbs.initial_slack + config.limbs.slack_spread * self._random.random(n)
@@ -129,12 +138,15 @@ class Plant:
         """Let time pass with the present currents."""
         if not duration_s > 0.0:
             return
+        self._time += duration_s
         steps = max(1, round(1000.0 * self._config.substeps * duration_s))
         dt_s = duration_s / steps
+        ordinary = self.enabled and not self.faults.any
+        current = self._current if ordinary else self._distorted_current()
         advance_limbs(
             self._table,
             self._state,
-            self._current,
+            current,
             self._rest,
             self._length,
             dt_s,
@@ -142,8 +154,36 @@ class Plant:
             self.tension,
         )
         cable_wrench(self._matrix, self.tension, self.wrench)
-        if self.target.step(self.wrench, duration_s):
+        moved = self.target.step(self.wrench, duration_s)
+        if self.faults.any and self.faults.has("platform_runs"):
+            self.target.position[0] += self.faults.value("platform_runs") * duration_s
+            moved = True
+        if moved:
             self._place()
+
+    def inject(self, kind: str, limb: int = -1, value: float = 0.0, duration_s: float = 0.0) -> str:
+        """Let something go wrong from now on, or mend it; see PlantFaults.inject."""
+        said = self.faults.inject(kind, limb, value, duration_s, self._time)
+        self._part(self.faults.limbs_with("cable_break"))
+        return said
+
+    def _part(self, limbs: list[int]) -> None:
+        """Part the cables of some limbs; splice the others that had parted."""
+        for i in range(self.tension.size):
+            if (i in limbs) != self._parted[i]:
+                self._rest[i] += PARTED_M if i in limbs else -PARTED_M
+                self._parted[i] = i in limbs
+
+    def _distorted_current(self) -> FloatArray:
+        self.faults.pass_time(self._time)
+        self._part(self.faults.limbs_with("cable_break"))
+        current = self._current.copy()
+        self.faults.distort_current(current)
+        if not self.enabled:
+            current[:] = 0.0
+        for i in self.faults.limbs_with("motor_jam"):
+            current[i] = self._state[i, 1] = 0.0
+        return current
 
     def sense(self) -> tuple[IntArray, FloatArray, BoolArray]:
         """Read all sensors once.
@@ -176,9 +216,12 @@ class Plant:
             volts,
             lines,
         )
+        if self.faults.any:
+            args = (self._time, card.counts_per_metre, counts, volts, lines)
+            self.faults.distort_senses(*args, card.switch_active_low)
         return counts, volts, lines
 
     @property
     def current(self) -> FloatArray:
-        """(n,) currents on the motors [A]."""
+        """(n,) currents that the motors are asked for [A]."""
         return self._current.copy()

@@ -17,7 +17,7 @@ from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from cabols_control.ros.ticker import Ticker
-from cabols_control.supervision import Supervision, SupervisionConfig
+from cabols_control.supervision import EMERGENCY, Supervision, SupervisionConfig
 
 PERIOD_S = 0.02
 REPEAT_EVERY = 5
@@ -151,7 +151,7 @@ class SupervisorNode(ControlNode):
     def _emergency_stop(self, request: Any, response: Any) -> Any:
         del request
         with self._lock:
-            self._core.emergency_stop("emergency stop")
+            self._core.emergency_stop(EMERGENCY)
             self._publish_change()
         response.success, response.message = True, "stopped; call reset to go on"
         return response

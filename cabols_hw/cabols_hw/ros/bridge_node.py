@@ -5,11 +5,13 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from std_srvs.srv import Trigger
 
+from cabols_control.checks import FloatArray
 from cabols_control.configuration import load_config, packaged
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
@@ -19,10 +21,12 @@ from cabols_control.ros.loop import SLOW_INPUT, Input, Output, make_wait_set, wa
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.supervision import EMERGENCY
 from cabols_hw.bridge import Bridge
 from cabols_hw.card_config import CardConfig
 from cabols_hw.daq import CardSample, Daq
-from cabols_hw.watchdog import CommandWatchdog, merge_into
+from cabols_hw.guard import BridgeGuard
+from cabols_hw.safety_config import SafetyConfig
 
 RING = 1024
 ANSWER_WAIT_NS = 20_000_000
@@ -60,11 +64,11 @@ class BridgeNode(ControlNode):
             declare(self, "watchdog", 0.0, "s, replaces the card file's; 0: the file's", (0.0, 0.1))
             or self._card.watchdog
         )
-        self._watchdog = CommandWatchdog(n, self._watchdog_s)
+        self._safety_config = self.safety_config()
+        self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
         qos = control_qos(self.lockstep)
         currents = topics.motor_current_layout(geometry, n)
         self._current_input = Input(self, "motor_current", currents, qos)
-        self._warm_up(currents)
         self._mode_input = Input(self, "mode", topics.mode_layout(""), latched_qos(self.lockstep))
         self._answers = [self._current_input, self._mode_input, *self.extra_inputs()]
         self._state = topics.limb_state_layout(geometry).record()
@@ -73,6 +77,7 @@ class BridgeNode(ControlNode):
         names = ("wound_length", "elongation", "tension", "switch_closed", "zeroed")
         self.bridge.bind({name: self._state[name] for name in names})
         self.bridge.bind({"wrench": self._wrench["wrench"]})
+        self._warm_up(currents)
         self._state_output = self._output("limb_state")
         self._wrench_output = self._output("wrench")
         self.create_service(Trigger, "tare", self._tare)
@@ -82,22 +87,39 @@ class BridgeNode(ControlNode):
         self._answered = 0
         self._turns = 0
         self._newest_s = 0.0
-        self._current = np.zeros(n)
         self._refused = ""
+        self._enabled = True
         self._sent_ns = np.zeros(RING, dtype=np.int64)
         self._stop = threading.Event()
         self._failure: BaseException | None = None
         body = self._lockstep_body if self.lockstep else self._sample_body
-        self._threads = [threading.Thread(target=self._guard, args=(body,), daemon=True)]
+        self._threads = [threading.Thread(target=self._run_thread, args=(body,), daemon=True)]
         if not self.lockstep:
-            answer = threading.Thread(target=self._guard, args=(self._answer_body,), daemon=True)
+            answer = threading.Thread(
+                target=self._run_thread, args=(self._answer_body,), daemon=True
+            )
             self._threads.append(answer)
 
     def _warm_up(self, currents: Layout) -> None:
         """Compile, or load, what a command needs, for arrays as they lie in a message."""
         record = currents.read(currents.record().raw())
-        n = self.rig.geometry.cables
-        merge_into(record["limb"], record["current"], 0.0, np.zeros(n), np.zeros(n))
+        geometry = self.rig.geometry
+        guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
+        guard.safety.hear_pose(0.0, geometry.reference_position, geometry.reference_rotation)
+        guard.command(record["limb"], record["current"], 0.0)
+        guard.sample(0.001, self.bridge, OperatingMode.STOPPED)
+        guard.sample(0.002, self.bridge, OperatingMode.LOADING)
+        guard.safety.warm_up(self.bridge)
+        guard.unloading.warm_up(self.bridge.tension, self.bridge.elongation)
+
+    def safety_config(self) -> SafetyConfig:
+        """Read the limits of the safety envelope.
+
+        A watchdog that is set to more than the file's also widens the age that a sample may have.
+        """
+        path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: bench")
+        config = load_config(SafetyConfig, path or packaged("cabols_hw", "bench_safety.yaml"))
+        return replace(config, state_age=max(config.state_age, 2.0 * self._watchdog_s))
 
     def _output(self, topic: str) -> Output:
         qos = control_qos(self.lockstep)
@@ -116,7 +138,12 @@ class BridgeNode(ControlNode):
         if self._pose_input.take():
             pose = np.array(self._pose_input.record["pose"])
             if np.isfinite(pose).all() and abs(np.linalg.norm(pose[3:]) - 1.0) < 1e-3:
-                self.bridge.set_pose(pose[:3], Rotation.from_quat(pose[3:]).as_matrix())
+                self.take_pose(pose[:3], Rotation.from_quat(pose[3:]).as_matrix())
+
+    def take_pose(self, position: FloatArray, rotation: FloatArray) -> None:
+        """Use a pose, (3,) [m] and (3, 3), if the safety envelope lets it pass."""
+        if self._guard.safety.hear_pose(self._newest_s, position, rotation):
+            self.bridge.set_pose(position, rotation)
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
         """Publish more with a sample; called just before it is published."""
@@ -139,7 +166,7 @@ class BridgeNode(ControlNode):
         """What ended a thread."""
         return self._failure
 
-    def _guard(self, body: Callable[[], None]) -> None:
+    def _run_thread(self, body: Callable[[], None]) -> None:
         try:
             body()
         except BaseException as error:
@@ -159,7 +186,7 @@ class BridgeNode(ControlNode):
             sample = self.daq.read()
             started = time.monotonic_ns()
             self._handle(sample)
-            self._judge_commands(1e-9 * sample.time_ns)
+            self._supervise(sample)
             self.status.work.add(1e-9 * (time.monotonic_ns() - started))
             self._report(sample.time_ns)
 
@@ -177,6 +204,7 @@ class BridgeNode(ControlNode):
         while self._running() and not self.finished():
             sample = self.daq.read()
             self._handle(sample)
+            self._supervise(sample)
             self._wait_for_answers(wait_set, sample.time_ns)
             self._report(sample.time_ns)
 
@@ -227,7 +255,7 @@ class BridgeNode(ControlNode):
         self._turns += 1
         rare = self.lockstep or self._turns % SLOW_INPUT == 0
         if rare and self._mode_input.take():
-            self._mode = OperatingMode(int(self._mode_input.record["mode"]))
+            self._hear_mode()
         self.on_inputs()
 
     def _accept_current(self) -> None:
@@ -241,9 +269,10 @@ class BridgeNode(ControlNode):
                 f"{self._sequence}, got {sequence}"
             )
             return
-        if not merge_into(limbs, current, self._newest_s, self._current, self._watchdog.newest):
+        if not self._guard.command(limbs, current, self._newest_s):
+            count = self.rig.geometry.cables
             self._refused = (
-                f"motor_current: expected finite numbers for limbs below {self._current.size}, got "
+                f"motor_current: expected finite numbers for limbs below {count}, got "
                 f"{current.tolist()} for {limbs.tolist()}"
             )
             return
@@ -257,29 +286,35 @@ class BridgeNode(ControlNode):
         self._write()
 
     def _write(self) -> None:
-        """Put the newest currents on the amplifiers, or zero if anything forbids them."""
-        if self._mode in AT_REST or self._watchdog.fault:
-            self._current[:] = 0.0
+        """Put on the amplifiers what the guard lets through."""
         with self._lock:
-            self.daq.write(self.bridge.volts(self._current))
+            self.daq.write(self.bridge.volts(self._guard.output(self._mode)))
 
-    def _judge_commands(self, now_s: float) -> None:
-        at_rest = self._mode in AT_REST
-        had_fault = bool(self._watchdog.fault)
-        if not self._watchdog.check(now_s, at_rest) and not had_fault:
+    def _supervise(self, sample: CardSample) -> None:
+        """Let the guard judge the newest sample."""
+        expired = self.daq.watchdog_expired
+        if self._guard.sample(1e-9 * sample.time_ns, self.bridge, self._mode, expired):
             self._write()
-        if self.daq.watchdog_expired and at_rest and not self._watchdog.fault:
+        if self._guard.enabled != self._enabled:
+            self._enabled = self._guard.enabled
+            self.daq.enable(self._enabled)
+        if expired and self._mode in AT_REST:
             self.daq.clear_watchdog()
 
+    def _hear_mode(self) -> None:
+        self._mode = OperatingMode(int(self._mode_input.record["mode"]))
+        if self._mode != OperatingMode.FAULT:
+            return
+        if self._mode_input.strings()["reason"].startswith(EMERGENCY):
+            self._guard.emergency_stop()
+            self._write()
+
     def _report(self, stamp_ns: int) -> None:
-        fault = self._watchdog.fault
-        if not fault and self.bridge.saturated_gauge:
-            fault = "force/torque sensor: a gauge is saturated or not a number"
-        if not fault and self.daq.watchdog_expired and self._mode not in AT_REST:
-            fault = "the card's own watchdog has zeroed the outputs"
+        fault = self._guard.fault
         self.status.late = self.daq.late
         answered = RUNNING if self._answered else WAITING
-        self.status.cycle(stamp_ns, FAULT if fault else answered, fault or self._refused)
+        state = FAULT if fault is not None else answered
+        self.status.cycle(stamp_ns, state, str(fault) if fault is not None else self._refused)
         self.tidy()
 
     def _tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from cabols_msgs.srv import InjectFault
 from scipy.spatial.transform import Rotation
 
 from cabols_control.configuration import load_config, packaged
@@ -18,7 +21,9 @@ from cabols_control.ros.qos import control_qos
 from cabols_hw.bridge import Bridge
 from cabols_hw.card_config import CardConfig
 from cabols_hw.ros.bridge_node import BridgeNode
+from cabols_hw.safety_config import SafetyConfig
 from cabols_sim.card import SimulatedQ8
+from cabols_sim.faults import FaultError
 from cabols_sim.plant import Plant
 from cabols_sim.plant_config import PlantConfig
 
@@ -33,6 +38,7 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     if declare(node, "linear", False, "leave out everything that is not linear"):
         config = config.linear()
     seed = declare(node, "seed", 0, "of slack, bias and noise", (0, 2**31 - 1))
+    node.quiet = node.get_parameter("linear").value
     speed = declare(
         node, "speed", 1.0, "how fast the rig's time passes; below 1: slow motion", (0.01, 1.0)
     )
@@ -68,6 +74,23 @@ class PlantNode(BridgeNode):
             "platform_pose", Output(self, "platform_pose", topics.TYPES["platform_pose"], qos)
         )
 
+        self.create_service(InjectFault, "inject_fault", self._inject)
+
+    def safety_config(self) -> SafetyConfig:
+        """Without noise a gauge may well show the same number for long."""
+        config = super().safety_config()
+        return replace(config, sensor_flat=0.0) if self.quiet else config
+
+    def _inject(self, request: Any, response: Any) -> Any:
+        order = (request.fault, request.limb, request.value, request.duration)
+        try:
+            with self._lock:
+                response.message = self.daq.plant.inject(*order)
+            response.success = True
+        except FaultError as error:
+            response.success, response.message = False, str(error)
+        return response
+
     def extra_inputs(self) -> list[Input]:
         """In lockstep the clock also waits for the wrench controller."""
         if not self.lockstep:
@@ -87,13 +110,16 @@ class PlantNode(BridgeNode):
         """Publish the target's pose; the bridge knows it by itself."""
         if not self.lockstep and sequence % POSE_EVERY != 0:
             return
-        target = self.daq.plant.target
+        target, faults = self.daq.plant.target, self.daq.plant.faults
+        if faults.has("pose_silent"):
+            return
+        offset = np.array([faults.value("pose_offset"), 0.0, 0.0])
+        self.take_pose(target.position + offset, target.rotation)
         self._pose.stamp(stamp_ns)
-        place = target.position.tobytes() + target.rotation.tobytes()
+        place = offset.tobytes() + target.position.tobytes() + target.rotation.tobytes()
         if place != self._place:
             self._place = place
-            self.bridge.set_pose(target.position, target.rotation)
-            self._pose["pose"][:3] = target.position
+            self._pose["pose"][:3] = target.position + offset
             self._pose["pose"][3:] = Rotation.from_matrix(target.rotation).as_quat()
         self._pose_output.publish(self._pose.raw())
 

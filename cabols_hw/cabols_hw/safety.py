@@ -1,0 +1,388 @@
+"""The safety envelope: what the bridge holds the rig to, whatever the controllers say; pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+from cabols_control.modes import LOADED, MOVING, OperatingMode
+from cabols_control.rig import Rig
+from cabols_hw import safety_rules as rules
+from cabols_hw.bridge import SATURATED_VOLTS, Bridge
+from cabols_hw.safety_config import SafetyConfig
+
+UNDER_LOAD = (*LOADED, OperatingMode.COMMISSIONING)
+BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
+"""Modes in which the zeroed limbs' estimates decide about currents."""
+SPEED_WINDOW_S = 0.02
+"""A platform speed is the mean over at least so long: poses come every 4 ms, and not evenly."""
+
+LONGEST_STEP_S = 0.005
+"""After a longer gap speeds start anew; no rule counts more than this for one sample."""
+
+
+class Reaction(IntEnum):
+    """What the bridge does about a fault; the larger, the harder."""
+
+    NONE = 0
+    UNLOAD = 1
+    """Ramp all trusted limbs down by itself, then zero current."""
+    CUT = 2
+    """Zero current at once; the gears hold what tension there is."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A broken rule.
+
+    Attributes:
+        name: one of FAULTS, for diagnostics and tables.
+        reason: what was expected and what came.
+        limb: which limb must not be moved any more; -1 for none in particular.
+    """
+
+    name: str
+    reason: str
+    limb: int = -1
+
+    @property
+    def reaction(self) -> Reaction:
+        """What is done about it."""
+        return FAULTS[self.name]
+
+    def __str__(self) -> str:
+        """Return the name and the reason, as they stand in `loop_status` and `mode`."""
+        return f"{self.name}: {self.reason}"
+
+
+def _same(one: Fault | None, other: Fault | None) -> bool:
+    return one is not None and other is not None and one.name == other.name
+
+
+FAULTS: dict[str, Reaction] = {
+    "tension": Reaction.UNLOAD,
+    "wrench": Reaction.UNLOAD,
+    "estimate": Reaction.UNLOAD,
+    "sensor_invalid": Reaction.UNLOAD,
+    "sensor_saturated": Reaction.UNLOAD,
+    "sensor_flat": Reaction.UNLOAD,
+    "cable": Reaction.UNLOAD,
+    "switch": Reaction.UNLOAD,
+    "pose": Reaction.UNLOAD,
+    "pose_speed": Reaction.UNLOAD,
+    "pose_age": Reaction.UNLOAD,
+    "current": Reaction.CUT,
+    "motion": Reaction.CUT,
+    "encoder": Reaction.CUT,
+    "state_age": Reaction.CUT,
+    "command_age": Reaction.CUT,
+    "card": Reaction.CUT,
+}
+"""Every fault that the bridge finds, and its reaction.
+
+Unloading moves the motors by the tension estimates: it is chosen where encoders and motors can be
+trusted, and cutting where they cannot, or where nobody knows what has happened in the meantime.
+"""
+
+AXES = ("x", "y", "z")
+
+
+class SafetyEnvelope:
+    """Holds every sample and every pose against the rig's limits.
+
+    Attributes:
+        fault: first broken rule, kept until the mode is STOPPED; None while all is well.
+    """
+
+    def __init__(self, rig: Rig, config: SafetyConfig, current_limit: float) -> None:
+        """Start with nothing known.
+
+        Args:
+            rig: geometry and limbs.
+            config: limits.
+            current_limit: what the bridge limits currents to [A].
+        """
+        n = rig.geometry.cables
+        self._config = config
+        self._reference = (
+            np.array(rig.geometry.reference_position),
+            np.array(rig.geometry.reference_rotation),
+        )
+        self._models = (np.array(rig.limbs.gain), np.array(rig.limbs.time_constant))
+        self._wrench_max = np.array(config.wrench_max)
+        self._position_range = np.array(config.position_range)
+        self._limb_limits = np.array(
+            [
+                config.encoder_jump,
+                config.tension_max,
+                config.cable_tension,
+                config.cable_time,
+                config.switch_tension,
+                config.switch_time,
+                current_limit,
+                config.current_saturated,
+                config.motion_current,
+                config.motion_time,
+            ]
+        )
+        self._estimate_limits = np.array(
+            [config.estimate_force, config.estimate_torque, config.estimate_time]
+        )
+        self._last_wound = np.zeros(n)
+        self._last_speed = np.full(n, np.nan)
+        self._observed = np.zeros(n)
+        self._since = np.zeros((rules.SINCE_ROWS, n))
+        self._since_apart = np.zeros(1)
+        self._last_volts = np.full(6, np.nan)
+        self._since_flat = np.zeros(6)
+        self._last_s = np.nan
+        self._pose_s = np.nan
+        self._window: tuple[float, FloatArray] | None = None
+        self._speed = 0.0
+        self._pose_fault: Fault | None = None
+        self._place: FloatArray | None = None
+        self.fault: Fault | None = None
+
+    def judge(self, now_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+        """Hold one sample, just taken by the bridge, against all rules.
+
+        Args:
+            now_s: the sample's time on the card's clock [s].
+            bridge: holds what the sample says, and the currents that are on the amplifiers.
+            mode: operating mode. At rest nothing moves: only the sensor is judged then.
+
+        Returns:
+            The fault in force.
+        """
+        dt_s = now_s - self._last_s
+        self._last_s = now_s
+        fault = self._find(now_s, dt_s, bridge, mode)
+        if mode == OperatingMode.STOPPED and not _same(self.fault, fault):
+            self.fault = None
+        self.fault = self.fault or fault
+        return self.fault
+
+    def warm_up(self, bridge: Bridge) -> None:
+        """Compile what judge() reaches only in some states, for the bridge's own arrays."""
+        rules.judge_wrench(
+            1e-3,
+            bridge.wrench,
+            self._wrench_max,
+            bridge.tension,
+            bridge.structure,
+            bridge.rotation,
+            self._estimate_limits,
+            np.zeros(1),
+        )
+
+    def trip(self, fault: Fault) -> None:
+        """Take a fault that was found elsewhere; the first one stays."""
+        self.fault = self.fault or fault
+
+    def _find(self, now_s: float, dt_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+        moving = mode in MOVING
+        if not moving or not 0.0 < dt_s <= LONGEST_STEP_S:
+            rules.forget_motion(
+                bridge.wound_length, self._last_wound, self._last_speed, self._observed
+            )
+            if not moving:
+                self._since[:] = 0.0
+            if moving and dt_s > self._config.state_age:
+                return Fault(
+                    "state_age",
+                    f"{1e3 * dt_s:.0f} ms without a sample, "
+                    f"{1e3 * self._config.state_age:.0f} ms allowed",
+                )
+        sensor = self._judge_sensor(dt_s, bridge)
+        if not moving or not dt_s > 0.0:
+            return sensor
+        dt_s = min(dt_s, LONGEST_STEP_S)
+        found = self._judge_limbs(dt_s, bridge) or sensor or self._judge_pose(now_s, mode)
+        if found is None and bridge.tared:
+            found = self._judge_wrench(dt_s, bridge, mode)
+        return found
+
+    def _judge_limbs(self, dt_s: float, bridge: Bridge) -> Fault | None:
+        rule, i = rules.judge_limbs(
+            dt_s,
+            self._limb_limits,
+            *self._models,
+            bridge.wound_length,
+            bridge.tension,
+            bridge.current,
+            bridge.switch_closed,
+            bridge.zeroed,
+            self._last_wound,
+            self._last_speed,
+            self._observed,
+            self._since,
+        )
+        if rule == rules.FINE:
+            return None
+        config, tension = self._config, float(bridge.tension[i])
+        if rule == rules.ENCODER:
+            return Fault("encoder", f"limb {i}: jumped to {self._last_speed[i]:.1f} m/s", i)
+        if rule == rules.TENSION:
+            return Fault(
+                "tension", f"limb {i} pulls {tension:.1f} N, {config.tension_max:g} N allowed"
+            )
+        if rule == rules.CABLE:
+            return self._cable_or_switch(i, bridge)
+        if rule == rules.SWITCH:
+            return Fault("switch", f"limb {i}: closed at an estimated {tension:.1f} N: stuck?", i)
+        if rule == rules.CURRENT:
+            return Fault(
+                "current",
+                f"limb {i}: at its limit of {self._limb_limits[6]:g} A for "
+                f"{1e3 * config.current_saturated:.0f} ms",
+                i,
+            )
+        return Fault(
+            "motion",
+            f"limb {i}: more than {config.motion_current:g} A are not in its motion; "
+            "jammed, a slipping encoder or an amplifier's offset?",
+            i,
+        )
+
+    def _cable_or_switch(self, i: int, bridge: Bridge) -> Fault:
+        """Tell a broken cable from a switch stuck open: the sensor misses a cable, not a switch."""
+        tension = float(bridge.tension[i])
+        column = bridge.structure[:3, i]
+        measured = bridge.rotation @ bridge.wrench[:3]
+        missing = float(column @ (bridge.structure[:3] @ bridge.tension - measured))
+        if missing > 0.5 * tension:
+            return Fault(
+                "cable",
+                f"limb {i}: elongation says {tension:.1f} N, switch and sensor say none: broken?",
+                i,
+            )
+        return Fault("switch", f"limb {i}: open at an estimated {tension:.1f} N: stuck?", i)
+
+    def _judge_sensor(self, dt_s: float, bridge: Bridge) -> Fault | None:
+        rule, gauge = rules.judge_sensor(
+            max(dt_s, 0.0),
+            bridge.gauges,
+            self._last_volts,
+            SATURATED_VOLTS,
+            self._config.sensor_flat,
+            self._since_flat,
+        )
+        if rule == rules.FINE:
+            return None
+        if rule == rules.SENSOR_INVALID:
+            return Fault("sensor_invalid", f"force/torque sensor: gauge {gauge} is not a number")
+        volts = float(bridge.gauges[gauge])
+        if rule == rules.SENSOR_SATURATED:
+            return Fault(
+                "sensor_saturated",
+                f"force/torque sensor: a gauge is saturated: {gauge} at {volts:.2f} V",
+            )
+        return Fault(
+            "sensor_flat",
+            f"force/torque sensor: gauge {gauge} has shown {volts:.4f} V for "
+            f"{self._config.sensor_flat:g} s: a broken wire?",
+        )
+
+    def _judge_wrench(self, dt_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+        if mode not in BY_TENSION or not bridge.zeroed.all():
+            self._since_apart[:] = 0.0
+            return None
+        rule, axis = rules.judge_wrench(
+            dt_s,
+            bridge.wrench,
+            self._wrench_max,
+            bridge.tension,
+            bridge.structure,
+            bridge.rotation,
+            self._estimate_limits,
+            self._since_apart,
+        )
+        if rule == rules.WRENCH:
+            kind, unit = ("force", "N") if axis < 3 else ("torque", "N m")
+            return Fault(
+                "wrench",
+                f"{kind} {AXES[axis % 3]} is {bridge.wrench[axis]:.1f} {unit}, "
+                f"{self._wrench_max[axis]:g} {unit} allowed",
+            )
+        if rule == rules.ESTIMATE:
+            return Fault(
+                "estimate",
+                "the force/torque sensor and the tension estimates disagree by more than "
+                f"{self._config.estimate_force:g} N or {self._config.estimate_torque:g} N m",
+            )
+        return None
+
+    def hear_pose(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
+        """Take a platform pose that came after the sample at now_s; judged with the next sample.
+
+        Args:
+            now_s: on the card's clock, whatever clock the robot has [s].
+            position: (3,) base frame [m].
+            rotation: (3, 3) platform to base.
+
+        Returns:
+            Whether it may be used: a pose beyond the limits would make the tension estimates wrong
+            with which the limbs are to be unloaded.
+        """
+        jump = 0.0 if self._place is None else float(np.linalg.norm(position - self._place))
+        allowed = self._config.pose_jump + self._config.speed_free * (now_s - self._pose_s)
+        self._pose_s = now_s
+        offset = np.abs(position - self._reference[0])
+        cosine = 0.5 * (float(np.trace(self._reference[1].T @ rotation)) - 1.0)
+        angle = float(np.arccos(min(max(cosine, -1.0), 1.0)))
+        self._pose_fault = None
+        if not (offset <= self._position_range).all():
+            axis = int(np.argmax(offset / self._position_range))
+            self._pose_fault = Fault(
+                "pose",
+                f"the platform is {1e3 * offset[axis]:.0f} mm off its reference in {AXES[axis]}, "
+                f"{1e3 * self._position_range[axis]:.0f} mm allowed",
+            )
+        elif not angle <= self._config.rotation_range:
+            self._pose_fault = Fault(
+                "pose",
+                f"the platform is turned by {angle:.2f} rad, "
+                f"{self._config.rotation_range:g} rad allowed",
+            )
+        elif self._place is not None and not jump <= allowed:
+            self._pose_fault = Fault("pose", f"the platform's pose jumped by {1e3 * jump:.0f} mm")
+        if self._pose_fault is not None:
+            return False
+        self._place = np.array(position)
+        self._measure_speed(now_s, self._place)
+        return True
+
+    def _measure_speed(self, now_s: float, position: FloatArray) -> None:
+        if self._window is None:
+            self._window = (now_s, position)
+            return
+        began_s, where = self._window
+        if now_s - began_s >= SPEED_WINDOW_S:
+            self._speed = float(np.linalg.norm(position - where)) / (now_s - began_s)
+            self._window = (now_s, position)
+
+    def _judge_pose(self, now_s: float, mode: OperatingMode) -> Fault | None:
+        if mode == OperatingMode.COMMISSIONING:
+            return None
+        age = now_s - self._pose_s
+        if not age <= self._config.pose_age:
+            came = "has never come" if np.isnan(age) else f"is {1e3 * age:.0f} ms old"
+            return Fault(
+                "pose_age",
+                f"the platform's pose {came}, {1e3 * self._config.pose_age:.0f} ms allowed: "
+                "is the robot's bridge running?",
+            )
+        if self._pose_fault is not None:
+            return self._pose_fault
+        loaded = mode in UNDER_LOAD
+        allowed = self._config.speed_loaded if loaded else self._config.speed_free
+        if not self._speed <= allowed:
+            return Fault(
+                "pose_speed",
+                f"the platform moves at {1e3 * self._speed:.0f} mm/s, "
+                f"{1e3 * allowed:.0f} mm/s allowed in {mode.name}",
+            )
+        return None

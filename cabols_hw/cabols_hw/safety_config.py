@@ -1,0 +1,91 @@
+"""Limits of the safety envelope."""
+
+from __future__ import annotations
+
+from pydantic.dataclasses import dataclass
+
+from cabols_control.checks import in_range
+from cabols_control.configuration import STRICT
+from cabols_control.errors import ConfigError
+
+
+@dataclass(frozen=True, config=STRICT)
+class SafetyConfig:
+    """What the rig may do; beyond it the bridge unloads or cuts by itself.
+
+    Attributes:
+        tension_max: of a limb's estimate [N].
+        current_saturated: a current may stand at its limit for so long [s].
+        wrench_max: (6,) of the sensor, platform axes [N, N m].
+        estimate_force: sensor and tension estimates may differ so much [N].
+        estimate_torque: likewise [N m].
+        estimate_time: and for so long [s].
+        position_range: (3,) of the platform about the reference position [m].
+        rotation_range: angle from the reference orientation [rad].
+        speed_loaded: of the platform under load [m/s].
+        speed_free: of the platform otherwise [m/s].
+        pose_age: of the newest platform pose [s].
+        pose_jump: between two poses, beyond what speed_free allows [m].
+        state_age: between two samples of the card [s].
+        cable_tension: an estimate above it with an open switch is a broken cable or switch [N].
+        cable_time: for so long [s].
+        switch_tension: an estimate below it with a closed switch is a stuck switch [N].
+        switch_time: for so long [s].
+        encoder_jump: change of a cable's speed between two samples [m/s].
+        motion_current: part of the current that the motor's motion does not explain [A].
+        motion_time: for so long [s].
+        sensor_flat: a gauge may show the same number for so long [s]; 0: for ever.
+    """
+
+    wrench_max: list[float]
+    position_range: list[float]
+    tension_max: float = 145.0
+    current_saturated: float = 0.1
+    estimate_force: float = 30.0
+    estimate_torque: float = 5.0
+    estimate_time: float = 0.05
+    rotation_range: float = 0.7
+    speed_loaded: float = 0.02
+    speed_free: float = 0.25
+    pose_age: float = 0.1
+    pose_jump: float = 0.01
+    state_age: float = 0.02
+    cable_tension: float = 12.0
+    cable_time: float = 0.01
+    switch_tension: float = 2.0
+    switch_time: float = 0.1
+    encoder_jump: float = 0.5
+    motion_current: float = 0.3
+    motion_time: float = 0.03
+    sensor_flat: float = 0.2
+
+    def __post_init__(self) -> None:
+        """Check lengths and signs."""
+        for name, count in (("wrench_max", 6), ("position_range", 3)):
+            values = getattr(self, name)
+            if len(values) != count:
+                raise ConfigError(f"{name}: expected {count} values, got {len(values)}")
+            for value in values:
+                in_range(name, value, 1e-6, 1e6)
+        for name in (
+            "tension_max",
+            "current_saturated",
+            "estimate_force",
+            "estimate_torque",
+            "estimate_time",
+            "rotation_range",
+            "speed_loaded",
+            "speed_free",
+            "pose_age",
+            "pose_jump",
+            "state_age",
+            "cable_tension",
+            "cable_time",
+            "switch_tension",
+            "switch_time",
+            "encoder_jump",
+            "motion_current",
+            "motion_time",
+        ):
+            in_range(name, getattr(self, name), 1e-4, 1e6)
+        in_range("sensor_flat", self.sensor_flat, 0.0, 1e3)

@@ -1,0 +1,180 @@
+"""The rules of the safety envelope that every sample is held against; compiled.
+
+A rule that needs time counts how long it has been broken, in the rows of `since` (6, n) for limbs
+and in `alone` (3,) for the rig; see SINCE_* and ALONE_*. The first broken rule is told.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from cabols_control.checks import BoolArray, FloatArray
+
+FINE, ENCODER, TENSION, CABLE, SWITCH, CURRENT, MOTION = range(7)
+SENSOR_INVALID, SENSOR_SATURATED, SENSOR_FLAT, WRENCH, ESTIMATE = range(7, 12)
+SINCE_CABLE, SINCE_SWITCH, SINCE_CURRENT, SINCE_MOTION = range(4)
+SINCE_ROWS = 4
+OBSERVER_RATE = 100.0
+"""1/s, of the observer that tells current from motion: 10 ms."""
+
+
+@njit(cache=True)
+def forget_motion(
+    wound: FloatArray, last_wound: FloatArray, last_speed: FloatArray, observed: FloatArray
+) -> None:
+    """Start the speeds anew, at rest, e.g. after a gap in the samples; all (n,)."""
+    last_wound[:] = wound
+    last_speed[:] = np.nan
+    observed[:] = 0.0
+
+
+@njit(cache=True)
+def judge_limbs(
+    dt_s: float,
+    limits: FloatArray,
+    gain: FloatArray,
+    time_constant: FloatArray,
+    wound: FloatArray,
+    tension: FloatArray,
+    current: FloatArray,
+    closed: BoolArray,
+    zeroed: BoolArray,
+    last_wound: FloatArray,
+    last_speed: FloatArray,
+    observed: FloatArray,
+    since: FloatArray,
+) -> tuple[int, int]:
+    """Hold all limbs against their rules.
+
+    The motor is (3.11): T dv/dt + v = k i. An observer follows the measured speed; what it has to
+    add to k i is the current that friction, load or something broken takes away.
+
+    Args:
+        dt_s: since the sample before [s].
+        limits: (10,) encoder_jump, tension_max, cable_tension, cable_time, switch_tension,
+            switch_time, current limit [A], current_saturated, motion_current, motion_time.
+        gain: (n,) k [m/s/A].
+        time_constant: (n,) T [s].
+        wound: (n,) wound length [m].
+        tension: (n,) estimate [N], NaN before zeroing.
+        current: (n,) on the amplifiers [A].
+        closed: (n,) switches.
+        zeroed: (n,) whether the estimate counts.
+        last_wound: (n,) of the sample before [m], updated.
+        last_speed: (n,) of the sample before [m/s], NaN if unknown; updated.
+        observed: (n,) the observer's speed [m/s], updated.
+        since: (SINCE_ROWS, n) how long each rule has been broken [s], updated.
+
+    Returns:
+        The broken rule, or FINE, and the limb.
+    """
+    found, limb = FINE, -1
+    for i in range(wound.shape[0]):
+        speed = (wound[i] - last_wound[i]) / dt_s
+        jumped = abs(speed - last_speed[i]) > limits[0]
+        if np.isnan(last_speed[i]):
+            jumped = False
+            observed[i] = speed
+        last_wound[i] = wound[i]
+        last_speed[i] = speed
+        missing = OBSERVER_RATE * (speed - observed[i])
+        observed[i] += dt_s * ((gain[i] * current[i] - observed[i]) / time_constant[i] + missing)
+        unexplained = abs(missing) * time_constant[i] / gain[i] > limits[8]
+        broken = zeroed[i] and not closed[i] and not tension[i] <= limits[2]
+        stuck = zeroed[i] and closed[i] and tension[i] < limits[4]
+        saturated = abs(current[i]) >= 0.99 * limits[6]
+        since[SINCE_CABLE, i] = since[SINCE_CABLE, i] + dt_s if broken else 0.0
+        since[SINCE_SWITCH, i] = since[SINCE_SWITCH, i] + dt_s if stuck else 0.0
+        since[SINCE_CURRENT, i] = since[SINCE_CURRENT, i] + dt_s if saturated else 0.0
+        since[SINCE_MOTION, i] = since[SINCE_MOTION, i] + dt_s if unexplained else 0.0
+        if found != FINE:
+            continue
+        if jumped:
+            found, limb = ENCODER, i
+        elif zeroed[i] and not tension[i] <= limits[1]:
+            found, limb = TENSION, i
+        elif since[SINCE_CABLE, i] > limits[3]:
+            found, limb = CABLE, i
+        elif since[SINCE_SWITCH, i] > limits[5]:
+            found, limb = SWITCH, i
+        elif since[SINCE_CURRENT, i] > limits[7]:
+            found, limb = CURRENT, i
+        elif since[SINCE_MOTION, i] > limits[9]:
+            found, limb = MOTION, i
+    return found, limb
+
+
+@njit(cache=True)
+def judge_sensor(
+    dt_s: float,
+    volts: FloatArray,
+    last_volts: FloatArray,
+    saturated_volts: float,
+    flat_time: float,
+    since_flat: FloatArray,
+) -> tuple[int, int]:
+    """Hold the (6,) gauge voltages against their rules; since_flat (6,) [s] is updated.
+
+    Returns:
+        The broken rule, or FINE, and the gauge.
+    """
+    found, gauge = FINE, -1
+    for k in range(6):
+        same = volts[k] == last_volts[k]
+        last_volts[k] = volts[k]
+        since_flat[k] = since_flat[k] + dt_s if same else 0.0
+        if found != FINE:
+            continue
+        if not np.isfinite(volts[k]):
+            found, gauge = SENSOR_INVALID, k
+        elif not abs(volts[k]) <= saturated_volts:
+            found, gauge = SENSOR_SATURATED, k
+        elif flat_time > 0.0 and since_flat[k] > flat_time:
+            found, gauge = SENSOR_FLAT, k
+    return found, gauge
+
+
+@njit(cache=True)
+def judge_wrench(
+    dt_s: float,
+    wrench: FloatArray,
+    wrench_max: FloatArray,
+    tension: FloatArray,
+    matrix: FloatArray,
+    rotation: FloatArray,
+    limits: FloatArray,
+    since: FloatArray,
+) -> tuple[int, int]:
+    """Hold the measured wrench (6,), platform axes, against its limits and the tensions.
+
+    Args:
+        dt_s: since the sample before [s].
+        wrench: (6,) measured, platform axes [N, N m].
+        wrench_max: (6,) limits, same axes.
+        tension: (n,) estimates [N]; where one is NaN the comparison is left out.
+        matrix: (6, n) structure matrix, base axes.
+        rotation: (3, 3) platform to base.
+        limits: (3,) estimate_force, estimate_torque, estimate_time.
+        since: (1,) how long they have disagreed [s], updated.
+
+    Returns:
+        The broken rule, or FINE, and the axis.
+    """
+    for k in range(6):
+        if not abs(wrench[k]) <= wrench_max[k]:
+            return WRENCH, k
+    force = torque = 0.0
+    for axis in range(3):
+        error_f = error_t = 0.0
+        for i in range(tension.shape[0]):
+            error_f += matrix[axis, i] * tension[i]
+            error_t += matrix[3 + axis, i] * tension[i]
+        for k in range(3):
+            error_f -= rotation[axis, k] * wrench[k]
+            error_t -= rotation[axis, k] * wrench[3 + k]
+        force += error_f * error_f
+        torque += error_t * error_t
+    apart = force > limits[0] ** 2 or torque > limits[1] ** 2
+    since[0] = since[0] + dt_s if apart else 0.0
+    return (ESTIMATE if since[0] > limits[2] else FINE), -1
