@@ -104,6 +104,7 @@ class Plant:
         self._table = config.limbs.table
         self._state = np.zeros((n, 3))
         self._current = np.zeros(n)
+        self._motor_current = self._current
         self._length = np.zeros(n)
         self._matrix = np.zeros((6, n))
         self._closed: BoolArray = np.zeros(n, dtype=np.bool_)
@@ -142,11 +143,11 @@ class Plant:
         steps = max(1, round(1000.0 * self._config.substeps * duration_s))
         dt_s = duration_s / steps
         ordinary = self.enabled and not self.faults.any
-        current = self._current if ordinary else self._distorted_current()
+        self._motor_current = self._current if ordinary else self._distorted_current()
         advance_limbs(
             self._table,
             self._state,
-            current,
+            self._motor_current,
             self._rest,
             self._length,
             dt_s,
@@ -220,6 +221,11 @@ class Plant:
             args = (self._time, card.counts_per_metre, counts, volts, lines)
             self.faults.distort_senses(*args, card.switch_active_low)
         return counts, volts, lines
+
+    @property
+    def motor_current(self) -> FloatArray:
+        """(n,) currents that the motors really get [A]."""
+        return self._motor_current
 
     @property
     def current(self) -> FloatArray:

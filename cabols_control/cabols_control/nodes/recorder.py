@@ -97,7 +97,8 @@ class RecorderNode(ControlNode):
         super().__init__("recorder")
         now = datetime.now(timezone.utc).astimezone()
         output = declare(self, "output", "", "folder of the bag; empty: bags/cabols_<date-time>")
-        names = declare(self, "topics", list(topics.TYPES), "topics to record, relative to /cabols")
+        text = "topics to record, relative to /cabols"
+        names = declare(self, "topics", list(topics.RECORDED), text)
         self._period = declare(
             self, "flush_period", 0.5, "s, what a kill may lose at most", (0.05, 60.0)
         )

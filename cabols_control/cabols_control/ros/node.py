@@ -13,6 +13,7 @@ from rclpy.node import Node
 
 from cabols_control.errors import CabolsError
 from cabols_control.ros import topics
+from cabols_control.ros.diagnostics import Diagnostics
 from cabols_control.ros.loop import Output
 from cabols_control.ros.parameters import (
     declare,
@@ -72,6 +73,12 @@ class Status:
             record["round_trip"][0], record["round_trip_p99"][0] = self.round_trip.summary()
         self._output.publish(record.raw())
 
+    def snapshot(self) -> tuple[int, str, dict[str, object]]:
+        """Return the newest state, reason and counters."""
+        state, reason = self._reported
+        counted = ("cycles", "lost", "late", "infeasible")
+        return max(state, WAITING), reason, {name: getattr(self, name) for name in counted}
+
     def _log(self, state: int, reason: str) -> None:
         if state == FAULT:
             self._logger.error(reason)
@@ -106,6 +113,7 @@ class ControlNode(Node):
         self.outputs: dict[str, Output] = {}
         self.status = Status(self, self.lockstep)
         self.outputs["loop_status"] = self.status.output()
+        self._diagnostics = Diagnostics(self, self.status.snapshot, "cabols rig")
 
     def advertise(self, topic: str, output: Output) -> Output:
         """Register an output, so that its readers can be waited for."""

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
-from cabols_msgs.msg import LimbState, LoopStatus, Mode, MotorCurrent, TensionCommand
+from cabols_msgs.msg import (
+    LimbState,
+    LoopStatus,
+    Mode,
+    MotorCurrent,
+    ReflectorMeasurement,
+    TensionCommand,
+)
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from sensor_msgs.msg import JointState
 
 from cabols_control.geometry import RigGeometry
 from cabols_control.ros.layout import Layout
@@ -28,8 +36,15 @@ TYPES: dict[str, type] = {
     "platform_pose": PoseStamped,
     "mode": Mode,
     "loop_status": LoopStatus,
+    "true_limb_state": LimbState,
+    "true_wrench": WrenchStamped,
+    "joint_states": JointState,
+    "reflector_measurement": ReflectorMeasurement,
 }
 """Every topic of the bench, relative to the namespace."""
+
+RECORDED = tuple(name for name in TYPES if not name.startswith("true_"))
+"""What is recorded unless told otherwise: what a real rig has, too."""
 
 CONTROL_TOPICS = (
     "limb_state",
@@ -38,6 +53,8 @@ CONTROL_TOPICS = (
     "tension_command",
     "desired_wrench",
     "platform_pose",
+    "true_limb_state",
+    "true_wrench",
 )
 """Topics with control_qos."""
 

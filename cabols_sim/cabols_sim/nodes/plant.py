@@ -14,6 +14,7 @@ from cabols_control.configuration import load_config, packaged
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
+from cabols_control.ros.layout import Record
 from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
@@ -74,12 +75,36 @@ class PlantNode(BridgeNode):
             "platform_pose", Output(self, "platform_pose", topics.TYPES["platform_pose"], qos)
         )
 
+        self._truth = None
+        if declare(self, "truth", False, "publish what no sensor sees: true tensions and wrench"):
+            self._truth = self._advertise_truth()
         self.create_service(InjectFault, "inject_fault", self._inject)
 
     def safety_config(self) -> SafetyConfig:
         """Without noise a gauge may well show the same number for long."""
         config = super().safety_config()
         return replace(config, sensor_flat=0.0) if self.quiet else config
+
+    def _advertise_truth(self) -> tuple[Record, Output, Record, Output]:
+        geometry, qos = self.rig.geometry, control_qos(self.lockstep)
+        state = topics.limb_state_layout(geometry).record()
+        state["limb"][:] = np.arange(geometry.cables)
+        wrench = topics.wrench_layout(geometry.base_frame).record()
+        names = ("true_limb_state", "true_wrench")
+        outputs = [Output(self, name, topics.TYPES[name], qos) for name in names]
+        return state, outputs[0], wrench, outputs[1]
+
+    def _publish_truth(self, stamp_ns: int, sequence: int) -> None:
+        state, state_output, wrench, wrench_output = self._truth
+        plant = self.daq.plant
+        state.stamp(stamp_ns)
+        state["sequence"][0] = sequence
+        state["tension"][:] = plant.tension
+        state["current"][:] = plant.motor_current
+        wrench.stamp(stamp_ns)
+        wrench["wrench"][:] = plant.wrench
+        state_output.publish(state.raw())
+        wrench_output.publish(wrench.raw())
 
     def _inject(self, request: Any, response: Any) -> Any:
         order = (request.fault, request.limb, request.value, request.duration)
@@ -108,6 +133,8 @@ class PlantNode(BridgeNode):
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
         """Publish the target's pose; the bridge knows it by itself."""
+        if self._truth is not None:
+            self._publish_truth(stamp_ns, sequence)
         if not self.lockstep and sequence % POSE_EVERY != 0:
             return
         target, faults = self.daq.plant.target, self.daq.plant.faults
