@@ -102,7 +102,7 @@ class Plant:
         self._length = np.zeros(n)
         self._matrix = np.zeros((6, n))
         self._closed: BoolArray = np.zeros(n, dtype=np.bool_)
-        self._gauge_matrix = np.asarray(np.linalg.inv(card.ft_matrix), dtype=np.float64)
+        self._gauge_matrix = np.asarray(np.linalg.inv(card.platform_matrix), dtype=np.float64)
         self.tension = np.zeros(n)
         self.wrench = np.zeros(6)
         self.target: Target = target if target is not None else RigidTarget(rig.geometry)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+from cabols_control.errors import ConfigError
 from cabols_control.rig import Rig
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
@@ -16,8 +17,12 @@ from cabols_hw.ros.bridge_node import BridgeNode
 def open_card(node: BridgeNode, rig: Rig, card: CardConfig) -> Daq:
     """Open the card that the parameters name."""
     board = declare(node, "board", "0", "number of the Q8 in this machine")
-    del card
-    return open_q8(board, rig.geometry.cables)
+    if card.wiring.limbs != rig.geometry.cables:
+        raise ConfigError(
+            f"wiring.motors: expected {rig.geometry.cables} channels as the geometry has cables, "
+            f"got {card.wiring.limbs}"
+        )
+    return open_q8(board, card)
 
 
 def main() -> int:
