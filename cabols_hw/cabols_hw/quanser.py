@@ -192,7 +192,8 @@ class QuanserQ8:
         last = 0
         behind_ns = self._lateness.behind_ns(self._index, self._clock_ns())
         self._late += behind_ns > self._period_ns // 2
-        skipped = min(behind_ns // self._period_ns, BUFFER_SAMPLES)
+        # Rounded up from nine tenths: the lateness is estimated a little low.
+        skipped = min((behind_ns + self._period_ns // 10) // self._period_ns, BUFFER_SAMPLES)
         if skipped > 0:
             # They are in the buffer: sampling did not wait.
             self._task_read(skipped)

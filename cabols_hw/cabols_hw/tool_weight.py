@@ -130,8 +130,8 @@ def identify_tool(matrix: ArrayLike, volts: ArrayLike, rotations: ArrayLike) -> 
     design = np.vstack(blocks) if blocks else np.zeros((0, UNKNOWNS))
     # Columns of one size, so that the rank does not depend on the units.
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300) if blocks else np.ones(UNKNOWNS)
-    values, _, rank, _ = np.linalg.lstsq(design / size, measured.ravel(), rcond=1e-3)
-    values = values / size
+    scaled, _, rank, _ = np.linalg.lstsq(design / size, measured.ravel(), rcond=1e-3)
+    values = np.asarray(scaled / size, dtype=np.float64)
     mass = float(values[6])
     if rank < UNKNOWNS or not mass > 0.0:
         raise OrientationsError(
