@@ -205,7 +205,7 @@ SET_UP = (
 @pytest.mark.parametrize("call", SET_UP)
 def test_failure_half_way_through_opening_leaves_the_card_safe(open_card, board, call):
     board.fail = call
-    with pytest.raises(CardError, match="opening.*fake error"):
+    with pytest.raises(CardError, match=r"opening.*fake error"):
         open_card()
     assert board.calls[-1] == ("close",)
     assert not board.opened

@@ -241,8 +241,9 @@ class QuanserQ8:
         with self._lock:
             if self._closed or self._expired:
                 return
-            np.clip(volts, -self._limit, self._limit, out=self._volts)
+            self._volts[:] = volts
             self._volts[~np.isfinite(self._volts)] = 0.0
+            np.clip(self._volts, -self._limit, self._limit, out=self._volts)
             with self._calls("writing"):
                 self._expired = not self._write_and_reload()
 

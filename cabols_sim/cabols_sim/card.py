@@ -95,8 +95,9 @@ class SimulatedQ8:
             if self._expired or self._closed:
                 return
             limit = self._config.output_limit
-            np.clip(volts, -limit, limit, out=self._volts)
+            self._volts[:] = volts
             self._volts[~np.isfinite(self._volts)] = 0.0
+            np.clip(self._volts, -limit, limit, out=self._volts)
             self._written_ns = self._plant_ns
             self._armed = True
             self.plant.drive(self._volts)
