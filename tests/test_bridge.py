@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import MOTOR_CURRENT_MAX_A
+from cabols_hw.ati import AXES
 from cabols_hw.bridge import Bridge
 from cabols_hw.card_config import ENCODER_MODULUS
 from cabols_hw.daq import CardSample
@@ -101,7 +102,7 @@ def test_saturated_gauge_is_reported(bridge, volts):
     assert not bridge.saturated_gauge
 
 
-@pytest.mark.parametrize(("axis", "name"), enumerate(["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]))
+@pytest.mark.parametrize(("axis", "name"), list(enumerate(AXES)))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_load_beyond_the_sensors_range_names_the_axis(bridge, card, axis, name, sign):
     load = np.zeros(6)
