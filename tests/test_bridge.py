@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cabols_control.modes import OperatingMode
+from cabols_control.rig import MOTOR_CURRENT_MAX_A
+from cabols_hw.ati import AXES
 from cabols_hw.bridge import Bridge
 from cabols_hw.card_config import ENCODER_MODULUS
 from cabols_hw.daq import CardSample
@@ -97,12 +102,155 @@ def test_saturated_gauge_is_reported(bridge, volts):
     assert not bridge.saturated_gauge
 
 
-def test_currents_are_limited_and_nan_is_zero(bridge, rig, card):
+@pytest.mark.parametrize(("axis", "name"), list(enumerate(AXES)))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_load_beyond_the_sensors_range_names_the_axis(bridge, card, axis, name, sign):
+    load = np.zeros(6)
+    load[axis] = 0.99 * sign * card.sensor_limits[axis]
+    for factor, expected in ((1.0, ""), (1.02, name)):
+        # The range of an ATI Delta is beyond the converter's end on most axes of the bench.
+        bridge.take(sample(analog=np.zeros(6)), STOPPED)
+        bridge.tared = True
+        bridge._bias[:] = -factor * np.linalg.solve(card.ft_matrix, load)
+        bridge._tare_weight[:] = 0.0
+        bridge.take(sample(), STOPPED)
+        assert bridge.saturation.startswith(expected)
+        assert bool(bridge.saturation) == bool(expected)
+        assert not bridge.saturated_gauge
+
+
+def test_saturated_gauge_is_named(bridge):
+    analog = np.zeros(6)
+    analog[4] = np.nan
+    bridge.take(sample(analog=analog), STOPPED)
+    assert "gauge 4" in bridge.saturation
+    bridge.take(sample(), STOPPED)
+    assert bridge.saturation == ""
+
+
+def test_tools_weight_counts_for_the_sensors_range(rig, card):
+    """The sensor carries the tool, whatever the tare says: 495 N of it are too much."""
+    bridge = Bridge(rig, replace(card, tool_mass=51.0))
+    for _ in range(card.tare_samples):
+        bridge.take(sample(), STOPPED)
+    np.testing.assert_allclose(bridge.wrench, 0.0, atol=1e-9)
+    assert bridge.saturation.startswith("Fz is -500")
+
+
+class TurningTarget:
+    """Holds the platform where the test says."""
+
+    def __init__(self, geometry):
+        self.position = np.array(geometry.reference_position)
+        self.rotation = np.array(geometry.reference_rotation)
+
+    def step(self, wrench, dt_s):
+        return False
+
+
+POSE = {
+    "sensor_position": [0.02, -0.01, -0.15],
+    "sensor_rotation": Rotation.from_euler("xyz", [10, -20, 65], degrees=True).as_matrix().tolist(),
+}
+
+
+@pytest.mark.parametrize("pose", [{}, POSE])
+def test_wrench_of_a_turning_platform_is_the_cables_alone(rig, card, plant_config, pose):
+    """A tool of 20 N, 0.12 m off: turned by 30 degrees after the tare it would show as 10 N."""
+    centre = [0.01, 0.02, 0.12]
+    sensors = replace(
+        plant_config.sensors, gauge_noise=0.0, adc_step=0.0, tool_centre_of_mass=centre
+    )
+    config = replace(plant_config, sensors=sensors)
+    wired = replace(card, tool_centre_of_mass=centre, **pose)
+    target = TurningTarget(rig.geometry)
+    plant = Plant(rig, wired, config, seed=4, target=target)
+    bridge = Bridge(rig, wired)
+    for _ in range(card.tare_samples):
+        bridge.take(CardSample(0, *plant.sense()), STOPPED)
+    np.testing.assert_allclose(bridge.wrench, 0.0, atol=1e-9)
+    for angles in ([30, 0, 0], [0, -30, 0], [15, 20, 50]):
+        target.rotation = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+        bridge.set_pose(target.position, target.rotation)
+        plant.wrench[:] = [30.0, -20.0, 50.0, 1.0, 2.0, -3.0]
+        bridge.take(CardSample(0, *plant.sense()), STOPPED)
+        turn = target.rotation.T
+        expected = np.concatenate([turn @ plant.wrench[:3], turn @ plant.wrench[3:]])
+        # 2.03943 kg are 20 N to 1e-5 of it.
+        np.testing.assert_allclose(bridge.wrench, expected, atol=3e-4)
+        assert np.abs(bridge.load[:3]).max() > 25.0
+
+
+def test_tare_of_a_moving_platform(rig, card, plant_config):
+    """Whatever the orientations during the tare, the bias is the gauges' own."""
+    sensors = replace(plant_config.sensors, gauge_noise=0.0, adc_step=0.0)
+    target = TurningTarget(rig.geometry)
+    plant = Plant(rig, card, replace(plant_config, sensors=sensors), seed=4, target=target)
+    bridge = Bridge(rig, card)
+    for k in range(card.tare_samples):
+        target.rotation = Rotation.from_euler("x", 0.2 * k, degrees=True).as_matrix()
+        bridge.set_pose(target.position, target.rotation)
+        bridge.take(CardSample(0, *plant.sense()), STOPPED)
+    assert bridge.tared
+    np.testing.assert_allclose(bridge.wrench, 0.0, atol=3e-4)
+
+
+def test_currents_are_limited_and_nan_is_zero(rig, card):
+    bridge = Bridge(rig, replace(card, current_rate_limit=0.0))
     volts = bridge.volts(np.array([np.nan, np.inf, 99.0, -99.0, 1.0, 0.0, 2.9, 3.1]))
     limit = rig.control.current_limit
     expected = np.array([0.0, 0.0, limit, -limit, 1.0, 0.0, 2.9, limit]) / card.amperes_per_volt
     np.testing.assert_allclose(volts, expected)
     np.testing.assert_allclose(bridge.current, expected * card.amperes_per_volt)
+
+
+@pytest.mark.parametrize("gain", [0.4, -0.4, 4.0])
+def test_no_current_beyond_the_rigs_limit(rig, card, gain):
+    """3 A of the bench; the most that a configuration may ask for is the motors' 3.82 A."""
+    for limit in (rig.control.current_limit, MOTOR_CURRENT_MAX_A):
+        allowed = replace(rig, control=replace(rig.control, current_limit=limit))
+        bridge = Bridge(allowed, replace(card, current_rate_limit=0.0, amperes_per_volt=gain))
+        for wanted in (1e9, -1e9, 3.8201, -3.8201):
+            bridge.volts(np.full(N, wanted))
+            np.testing.assert_allclose(bridge.current, np.clip(wanted, -limit, limit))
+            assert (np.abs(bridge.current) <= MOTOR_CURRENT_MAX_A + 1e-12).all()
+
+
+def test_current_grows_at_the_rate_limit_and_falls_at_once(rig, card):
+    bridge = Bridge(rig, replace(card, current_rate_limit=600.0))
+
+    def after(wanted, milliseconds=1):
+        after.time_ns += milliseconds * 1_000_000
+        bridge.take(replace(sample(), time_ns=after.time_ns), STOPPED)
+        return bridge.volts(np.full(N, wanted))[0] * card.amperes_per_volt
+
+    after.time_ns = 0
+    after(0.0)
+    assert [after(3.0) for _ in range(6)] == pytest.approx([0.6, 1.2, 1.8, 2.4, 3.0, 3.0])
+    assert after(0.5) == pytest.approx(0.5), "a smaller current at once"
+    assert after(0.0) == 0.0
+    assert after(-3.0) == pytest.approx(-0.6), "the other way as slowly"
+    assert after(-3.0) == pytest.approx(-1.2)
+    assert after(3.0) == pytest.approx(0.6), "as far as zero at once, then slowly"
+    assert after(3.0, milliseconds=3) == pytest.approx(2.4), "by the time that has passed"
+    assert after(np.nan) == 0.0
+
+
+def test_rate_limit_is_per_sample_not_per_call(rig, card):
+    """Two limb controllers answer each sample, in two calls."""
+    bridge = Bridge(rig, replace(card, current_rate_limit=600.0))
+    for k in range(3):
+        bridge.take(replace(sample(), time_ns=k * 1_000_000), STOPPED)
+    for _ in range(5):
+        bridge.volts(np.full(N, 3.0))
+    np.testing.assert_allclose(bridge.current, 0.6)
+
+
+def test_no_rate_limit(rig, card):
+    bridge = Bridge(rig, replace(card, current_rate_limit=0.0))
+    bridge.take(sample(), STOPPED)
+    bridge.volts(np.full(N, 3.0))
+    np.testing.assert_allclose(bridge.current, 3.0)
 
 
 def test_command_watchdog():
@@ -161,10 +309,3 @@ def test_real_time_card_keeps_its_own_instants(rig, card, plant_config):
     # Late or not, an instant is a whole number of periods after the first.
     assert (np.diff(stamps) >= 1_000_000).all()
     np.testing.assert_array_equal((stamps - stamps[0]) % 1_000_000, 0)
-
-
-def test_missing_driver_says_what_to_do():
-    from cabols_hw.quanser import CardError, open_q8
-
-    with pytest.raises(CardError, match="simulated bench"):
-        open_q8("0", N)

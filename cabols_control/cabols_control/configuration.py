@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextvars import ContextVar
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,6 +16,13 @@ T = TypeVar("T")
 
 STRICT: Any = {"extra": "forbid"}
 """Configuration of every pydantic dataclass here: `@dataclass(frozen=True, config=STRICT)`."""
+
+_folder: ContextVar[Path | None] = ContextVar("folder", default=None)
+
+
+def beside(name: str) -> Path:
+    """Path of a file that a configuration names: relative to the YAML file that is being loaded."""
+    return (_folder.get() or Path()) / name
 
 
 def packaged(package: str, name: str) -> Path:
@@ -51,12 +59,15 @@ def load_config(cls: type[T], path: str | Path) -> T:
         ConfigError: naming the file, the key, what was expected and what came.
     """
     content = read_yaml(path)
+    token = _folder.set(Path(path).resolve().parent)
     try:
         return cls(**content)
     except ValidationError as error:
         raise ConfigError(f"{path}: {_first_lines(error)}") from error
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{path}: {error}") from error
+    finally:
+        _folder.reset(token)
 
 
 def _first_lines(error: ValidationError) -> str:

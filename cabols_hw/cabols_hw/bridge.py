@@ -11,9 +11,11 @@ from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.kinematics import cable_lengths_into, structure_matrix_into
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
+from cabols_hw.ati import AXES
 from cabols_hw.card_config import CardConfig
 from cabols_hw.daq import CardSample
-from cabols_hw.scaling import limbs_into, volts_into, wrench_into
+from cabols_hw.scaling import limbs_into, loaded_wrench_into, volts_into
+from cabols_hw.tool_weight import tool_weight_into
 
 SATURATED_VOLTS = 9.98
 """A gauge beyond this stands at the converter's end: the wrench cannot be trusted."""
@@ -28,9 +30,13 @@ class Bridge:
         tension: (n,) estimate [N] (3.9), NaN before zeroing.
         switch_closed: (n,) bool.
         zeroed: (n,) bool.
-        wrench: (6,) on the platform, at its origin, platform axes [N, N m].
+        wrench: (6,) on the platform, at its origin, platform axes, without the weight of the tool
+            in the platform's present orientation [N, N m].
+        load: (6,) all that pulls on the sensor, at its origin, sensor axes [N, N m].
         tared: whether the sensor's bias is known.
         saturated_gauge: whether the newest sample had a gauge at its end.
+        saturation: what of the newest sample is beyond the sensor's range: a gauge at its end, or
+            an axis of load; empty for nothing.
         gauges: (6,) newest gauge voltages [V].
         rotation: (3, 3) platform to base, of the newest pose.
         structure: (6, n) structure matrix at the newest pose.
@@ -52,15 +58,26 @@ class Bridge:
         self._bias = np.zeros(6)
         self._bias_sum = np.zeros(6)
         self._bias_count = 0
+        self._transform = card.sensor_transform
+        self._to_sensor = np.ascontiguousarray(np.linalg.inv(card.sensor_transform))
+        self._centre_of_mass = np.array(card.tool_centre_of_mass)
+        self._weight = np.zeros(6)
+        self._weight_sum = np.zeros(6)
+        self._tare_weight = np.zeros(6)
+        self._limits = card.sensor_limits
+        self._gauge = self._axis = -1
         self._volts = np.zeros(n)
+        self._before = np.zeros(n)
+        self._newest_ns = 0
+        self._growth = self._growth_in(card.period)
         self.wound_length = np.zeros(n)
         self.elongation = np.full(n, np.nan)
         self.tension = np.full(n, np.nan)
         self.switch_closed: BoolArray = np.zeros(n, dtype=np.bool_)
         self.zeroed: BoolArray = np.zeros(n, dtype=np.bool_)
         self.wrench = np.zeros(6)
+        self.load = np.zeros(6)
         self.tared = False
-        self.saturated_gauge = False
         self.gauges = np.zeros(6)
         self.rotation = np.eye(3)
         self.structure = np.zeros((6, n))
@@ -69,9 +86,32 @@ class Bridge:
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
         """Take the platform's pose, (3,) [m] and (3, 3), base frame."""
         points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
-        self.rotation[:] = rotation
-        cable_lengths_into(*points, position, self.rotation, self._length)
-        structure_matrix_into(*points, position, self.rotation, self.structure)
+        cable_lengths_into(*points, position, rotation, self._length)
+        # New arrays: a sample that is being taken has the old ones or the new ones, no mixture.
+        structure, weight = np.zeros_like(self.structure), np.zeros(6)
+        structure_matrix_into(*points, position, rotation, structure)
+        self.structure = structure
+        self.rotation = np.array(rotation, dtype=np.float64, order="C")
+        tool_weight_into(self._card.tool_mass, self._centre_of_mass, rotation, weight)
+        self._weight = weight
+
+    @property
+    def saturated_gauge(self) -> bool:
+        """Whether the newest sample had a gauge at its converter's end, or not a number."""
+        return self._gauge >= 0
+
+    @property
+    def saturation(self) -> str:
+        """What of the newest sample is beyond the sensor's range, in words; empty for nothing."""
+        if self._gauge >= 0:
+            return f"gauge {self._gauge} is saturated or not a number"
+        if self._axis < 0:
+            return ""
+        limit, unit = self._limits[self._axis], "N" if self._axis < 3 else "N m"
+        return (
+            f"{AXES[self._axis]} is {self.load[self._axis]:.4g} {unit}, beyond the sensor's "
+            f"{limit:g} {unit}"
+        )
 
     @property
     def current(self) -> FloatArray:
@@ -79,8 +119,9 @@ class Bridge:
         return self._volts * self._card.amperes_per_volt
 
     def tare(self) -> None:
-        """Average the next samples as the sensor's bias."""
+        """Average the next samples as the sensor's bias; the tool's weight stays known."""
         self._bias_sum[:] = 0.0
+        self._weight_sum[:] = 0.0
         self._bias_count = 0
         self.tared = False
 
@@ -93,8 +134,13 @@ class Bridge:
         card = self._card
         if not self._started:
             self._raw[:] = sample.encoders
+            self._newest_ns = sample.time_ns
             self._started = True
+        else:
+            self._growth = self._growth_in(1e-9 * (sample.time_ns - self._newest_ns))
+            self._newest_ns = sample.time_ns
         self.gauges[:] = sample.analog
+        np.multiply(self._volts, card.amperes_per_volt, out=self._before)
         np.not_equal(sample.digital, card.switch_active_low, out=self.switch_closed)
         limbs_into(
             sample.encoders,
@@ -113,18 +159,34 @@ class Bridge:
             self.elongation,
             self.tension,
         )
+        weight = self._weight
         if not self.tared:
-            self._average_bias(sample.analog)
-        self.saturated_gauge = wrench_into(
-            card.ft_matrix, sample.analog, self._bias, SATURATED_VOLTS, self.wrench
+            self._average_bias(sample.analog, weight)
+        self._gauge, self._axis = loaded_wrench_into(
+            card.ft_matrix,
+            sample.analog,
+            self._bias,
+            self._tare_weight,
+            SATURATED_VOLTS,
+            self._limits,
+            self._transform,
+            weight,
+            self.load,
+            self.wrench,
         )
 
-    def _average_bias(self, volts: FloatArray) -> None:
+    def _growth_in(self, duration_s: float) -> float:
+        rate = self._card.current_rate_limit
+        return rate * duration_s if rate > 0.0 else np.inf
+
+    def _average_bias(self, volts: FloatArray, weight: FloatArray) -> None:
         if not np.abs(volts).max() <= SATURATED_VOLTS:
             return
         self._bias_sum += volts
         self._bias_count += 1
         np.divide(self._bias_sum, self._bias_count, out=self._bias)
+        self._weight_sum += weight
+        np.dot(self._to_sensor, self._weight_sum / self._bias_count, out=self._tare_weight)
         self.tared = self._bias_count >= self._card.tare_samples
 
     def bind(self, arrays: Mapping[str, Any]) -> None:
@@ -140,10 +202,17 @@ class Bridge:
     def volts(self, current: FloatArray) -> FloatArray:
         """Amplifier inputs for (n,) currents [A], limited to what the rig's configuration allows.
 
-        NaN becomes zero. The same array at every call.
+        A current grows no faster than the card's current_rate_limit from sample to sample, however
+        often this is called between two; it falls at once. NaN becomes zero. The same array at
+        every call.
         """
-        limit = self._rig.control.current_limit
         volts_into(
-            current, limit, self._card.amperes_per_volt, self._card.output_limit, self._volts
+            current,
+            self._rig.control.current_limit,
+            self._before,
+            self._growth,
+            self._card.amperes_per_volt,
+            self._card.output_limit,
+            self._volts,
         )
         return self._volts

@@ -28,20 +28,25 @@ class CardSample:
 class Daq(Protocol):
     """A card with n encoders, n analog outputs, 6 analog inputs, n digital inputs, a watchdog.
 
-    `read` is called by one thread and paces it; `write` may be called by another.
+    `read` is called by one thread and paces it; `write` may be called by another. The watchdog
+    watches from the first write on. tests/test_daq_contract.py says what every back end does.
     """
 
     def start(self, watchdog_s: float) -> None:
         """Begin sampling; the card zeroes its outputs when nothing is written for watchdog_s."""
 
     def read(self) -> CardSample:
-        """Wait for the next sample instant and return the inputs."""
+        """Wait for the next sample instant and return the inputs; if behind, the newest."""
 
     def write(self, volts: FloatArray) -> None:
-        """Set all outputs [V] and reload the watchdog."""
+        """Set all outputs [V] and reload the watchdog.
+
+        What is not finite becomes zero. Ignored after an expiry until it is cleared, and for good
+        after close().
+        """
 
     def enable(self, on: bool) -> None:
-        """Switch the amplifiers on or off; they are on from start() to close()."""
+        """Switch the amplifiers on or off; unless told otherwise they are on."""
 
     @property
     def watchdog_expired(self) -> bool:
@@ -52,7 +57,7 @@ class Daq(Protocol):
         """Samples that were read more than half a period after their instant, or skipped."""
 
     def clear_watchdog(self) -> None:
-        """Allow writing again after an expiry."""
+        """Allow writing again after an expiry, from zero outputs."""
 
     def close(self) -> None:
-        """Zero the outputs and release the card."""
+        """Zero the outputs and release the card; may be repeated."""

@@ -271,7 +271,9 @@ class SafetyEnvelope:
             self._since_flat,
         )
         if rule == rules.FINE:
-            return None
+            # An axis can be beyond the sensor's range while every gauge still tells the truth.
+            said = bridge.saturation
+            return Fault("sensor_saturated", f"force/torque sensor: {said}") if said else None
         if rule == rules.SENSOR_INVALID:
             return Fault("sensor_invalid", f"force/torque sensor: gauge {gauge} is not a number")
         volts = float(bridge.gauges[gauge])

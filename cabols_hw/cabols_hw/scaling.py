@@ -69,20 +69,84 @@ def wrench_into(
 
 
 @njit(cache=True)
+def loaded_wrench_into(
+    matrix: FloatArray,
+    volts: FloatArray,
+    bias: FloatArray,
+    tare_weight: FloatArray,
+    volts_limit: float,
+    limits: FloatArray,
+    transform: FloatArray,
+    weight: FloatArray,
+    load: FloatArray,
+    wrench: FloatArray,
+) -> tuple[int, int]:
+    """Gauge volts to the wrench on the platform without the tool's weight.
+
+    Args:
+        matrix: (6, 6) sensor's wrench per volt.
+        volts: (6,) of the gauges.
+        bias: (6,) volts at the tare.
+        tare_weight: (6,) tool's weight on the sensor at the tare, sensor frame.
+        volts_limit: end of the converter.
+        limits: (6,) range of the sensor, sensor frame.
+        transform: (6, 6) from the sensor's to the platform's frame.
+        weight: (6,) tool's weight now, platform frame.
+        load: (6,) filled with all that pulls on the sensor, sensor frame.
+        wrench: (6,) filled with the wrench, platform frame.
+
+    Returns:
+        First gauge at the converter's end and first axis of load beyond its limit, -1 for none;
+        one that is not a number counts as beyond.
+    """
+    gauge, axis = -1, -1
+    for row in range(6):
+        if gauge < 0 and not abs(volts[row]) <= volts_limit:
+            gauge = row
+        total = tare_weight[row]
+        for k in range(6):
+            total += matrix[row, k] * (volts[k] - bias[k])
+        load[row] = total
+        if axis < 0 and not abs(total) <= limits[row]:
+            axis = row
+    for row in range(6):
+        total = -weight[row]
+        for k in range(6):
+            total += transform[row, k] * load[k]
+        wrench[row] = total
+    return gauge, axis
+
+
+@njit(cache=True)
 def volts_into(
-    current: FloatArray, limit: float, amperes_per_volt: float, reach: float, volts: FloatArray
+    current: FloatArray,
+    limit: float,
+    before: FloatArray,
+    growth: float,
+    amperes_per_volt: float,
+    reach: float,
+    volts: FloatArray,
 ) -> None:
-    """Fill volts (n,) for currents (n,) [A] within +-limit, then within +-reach; NaN becomes 0."""
+    """Fill volts (n,) for currents (n,) [A].
+
+    A current is limited to +-limit, and grows in size by at most growth [A] over what it was
+    before (n,); it falls, as far as zero, at once. Volts are limited to +-reach. NaN becomes 0.
+    """
     for i in range(current.shape[0]):
         wanted = current[i] if np.isfinite(current[i]) else 0.0
-        volt = min(max(wanted, -limit), limit) / amperes_per_volt
+        held = abs(before[i]) if wanted * before[i] > 0.0 else 0.0
+        size = min(limit, held + growth)
+        volt = min(max(wanted, -size), size) / amperes_per_volt
         volts[i] = min(max(volt, -reach), reach)
 
 
 @njit(cache=True)
 def quantise(value: float, step: float, limit: float) -> float:
-    """Nearest multiple of step within +-limit, as a converter gives it; step 0 only limits."""
+    """Nearest multiple of step, as a converter gives it; step 0 only limits.
+
+    A converter's codes are two's complement: the highest stands for one step less than +limit.
+    """
     clipped = min(max(value, -limit), limit)
     if step <= 0.0:
         return clipped
-    return min(max(round(clipped / step) * step, -limit), limit)
+    return min(max(round(clipped / step) * step, -limit), limit - step)

@@ -47,6 +47,7 @@ class SimulatedQ8:
         self._watchdog_ns = 0
         self._armed = False
         self._expired = False
+        self._closed = False
         self._late = 0
 
     def start(self, watchdog_s: float) -> None:
@@ -84,13 +85,19 @@ class SimulatedQ8:
         return int((time.monotonic_ns() - self._origin_ns) * self._speed)
 
     def write(self, volts: FloatArray) -> None:
-        """Set all outputs and reload the watchdog; ignored after an expiry, until it is cleared."""
+        """Set all outputs and reload the watchdog; ignored after an expiry, until it is cleared.
+
+        Ignored after close(), too. Volts that are not finite become zero.
+        """
         with self._lock:
-            if self._expired:
-                return
             if not self._lockstep:
                 self._advance_to(self._elapsed_ns())
+            if self._expired or self._closed:
+                return
+            limit = self._config.output_limit
             self._volts[:] = volts
+            self._volts[~np.isfinite(self._volts)] = 0.0
+            np.clip(self._volts, -limit, limit, out=self._volts)
             self._written_ns = self._plant_ns
             self._armed = True
             self.plant.drive(self._volts)
@@ -137,5 +144,6 @@ class SimulatedQ8:
     def close(self) -> None:
         """Zero the outputs."""
         with self._lock:
+            self._closed = True
             self._volts[:] = 0.0
             self.plant.drive(self._volts)

@@ -220,8 +220,8 @@ def _sensors(card: CardConfig, plant: PlantConfig, samples: int, seed: int) -> _
     noise = config.gauge_noise * random.standard_normal((samples, 6))
     bias = random.uniform(-config.gauge_bias, config.gauge_bias, 6)
     return _Sensors(
-        card.ft_matrix,
-        np.asarray(np.linalg.inv(card.ft_matrix), dtype=np.float64),
+        card.platform_matrix,
+        np.asarray(np.linalg.inv(card.platform_matrix), dtype=np.float64),
         bias,
         noise,
         card.counts_per_metre,

@@ -38,6 +38,7 @@ def _sense_into(
     active_low: bool,
     wrench: FloatArray,
     weight: FloatArray,
+    centre: FloatArray,
     rotation: FloatArray,
     matrix: FloatArray,
     bias: FloatArray,
@@ -56,11 +57,15 @@ def _sense_into(
         counts[i] = (whole + half) % ENCODER_MODULUS - half
         closed[i] = tension[i] >= threshold - (hysteresis if closed[i] else 0.0)
         lines[i] = closed[i] != active_low
-    turned = np.zeros(6)
+    turned, pull = np.zeros(6), np.zeros(3)
     for axis in range(3):
         for k in range(3):
             turned[axis] += rotation[k, axis] * (wrench[k] + weight[k])
             turned[3 + axis] += rotation[k, axis] * wrench[3 + k]
+            pull[axis] += rotation[k, axis] * weight[k]
+    turned[3] += centre[1] * pull[2] - centre[2] * pull[1]
+    turned[4] += centre[2] * pull[0] - centre[0] * pull[2]
+    turned[5] += centre[0] * pull[1] - centre[1] * pull[0]
     for row in range(6):
         volt = bias[row] + deviation * noise[row]
         for k in range(6):
@@ -108,7 +113,7 @@ class Plant:
         self._length = np.zeros(n)
         self._matrix = np.zeros((6, n))
         self._closed: BoolArray = np.zeros(n, dtype=np.bool_)
-        self._gauge_matrix = np.asarray(np.linalg.inv(card.ft_matrix), dtype=np.float64)
+        self._gauge_matrix = np.asarray(np.linalg.inv(card.platform_matrix), dtype=np.float64)
         self.tension = np.zeros(n)
         self.wrench = np.zeros(6)
         self.faults = PlantFaults(n)
@@ -122,6 +127,7 @@ class Plant:
         bias = config.sensors.gauge_bias
         self._bias = self._random.uniform(-bias, bias, 6) if bias > 0.0 else np.zeros(6)
         self._weight = np.array([0.0, 0.0, -config.sensors.tool_weight])
+        self._centre = np.array(config.sensors.tool_centre_of_mass)
         self._noise = np.zeros(6)
 
     def _place(self) -> None:
@@ -206,6 +212,7 @@ class Plant:
             card.switch_active_low,
             self.wrench,
             self._weight,
+            self._centre,
             self.target.rotation,
             self._gauge_matrix,
             self._bias,

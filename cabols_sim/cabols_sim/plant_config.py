@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import field, replace
 
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from cabols_control.checks import FloatArray, in_range
+from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.configuration import STRICT
 from cabols_control.errors import ConfigError
 
@@ -103,6 +103,7 @@ class SensorPlantConfig:
         gauge_noise: standard deviation of each gauge [V].
         gauge_bias: bound of each gauge's uniformly drawn bias [V].
         tool_weight: of platform and tool on the sensor, along -z of the base [N].
+        tool_centre_of_mass: (3,) where it pulls, from the platform's origin, platform axes [m].
         switch_tension: where a limit switch closes [N].
         switch_hysteresis: it opens so much lower [N].
     """
@@ -113,6 +114,7 @@ class SensorPlantConfig:
     gauge_noise: float = 0.001
     gauge_bias: float = 0.2
     tool_weight: float = 20.0
+    tool_centre_of_mass: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     switch_tension: float = 4.7
     switch_hysteresis: float = 0.3
 
@@ -128,6 +130,7 @@ class SensorPlantConfig:
             "switch_hysteresis",
         ):
             in_range(name, getattr(self, name), 0.0, 1e4)
+        finite_array("tool_centre_of_mass", self.tool_centre_of_mass, (3,))
 
 
 @dataclass(frozen=True, config=STRICT)

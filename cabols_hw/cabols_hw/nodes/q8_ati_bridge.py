@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import sys
 
+import numpy as np
+
+from cabols_control.errors import ConfigError
+from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
+from cabols_control.ros import topics
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
+from cabols_hw.bridge import Bridge
 from cabols_hw.card_config import CardConfig
-from cabols_hw.daq import Daq
+from cabols_hw.daq import CardSample, Daq
 from cabols_hw.quanser import open_q8
 from cabols_hw.ros.bridge_node import BridgeNode
 
@@ -16,8 +22,29 @@ from cabols_hw.ros.bridge_node import BridgeNode
 def open_card(node: BridgeNode, rig: Rig, card: CardConfig) -> Daq:
     """Open the card that the parameters name."""
     board = declare(node, "board", "0", "number of the Q8 in this machine")
-    del card
-    return open_q8(board, rig.geometry.cables)
+    n = rig.geometry.cables
+    if card.wiring.limbs != n:
+        raise ConfigError(
+            f"wiring.motors: expected {n} channels as the geometry has cables, "
+            f"got {card.wiring.limbs}"
+        )
+    warm_up(rig, card)
+    return open_q8(board, card)
+
+
+def warm_up(rig: Rig, card: CardConfig) -> None:
+    """Compile, or load, what a sample needs: a running card waits for no compiler."""
+    n = rig.geometry.cables
+    bridge = Bridge(rig, card)
+    # Arrays as they lie in the messages, for which there is a kernel of its own.
+    state = topics.limb_state_layout(rig.geometry).record()
+    wrench = topics.wrench_layout(rig.geometry.platform_frame).record()
+    names = ("wound_length", "elongation", "tension", "switch_closed", "zeroed")
+    bridge.bind({name: state[name] for name in names})
+    bridge.bind({"wrench": wrench["wrench"]})
+    sample = CardSample(0, np.zeros(n, dtype=np.int64), np.zeros(6), np.ones(n, dtype=np.bool_))
+    bridge.take(sample, OperatingMode.STOPPED)
+    bridge.volts(np.zeros(n))
 
 
 def main() -> int:

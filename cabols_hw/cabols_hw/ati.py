@@ -1,0 +1,229 @@
+"""ATI force/torque sensors: the .cal file, and wrenches seen from another point or other axes.
+
+wrench = M (volts - bias). In the file a UserAxis row is M's row in the units that the file names,
+with the file's BasicTransform done: torque' = torque - d x F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from defusedxml import ElementTree
+from numpy.typing import ArrayLike
+
+from cabols_control.checks import FloatArray, finite_array, rotation_matrix
+from cabols_control.errors import ConfigError
+
+AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+DELTA_LIMITS = (165.0, 165.0, 495.0, 15.0, 15.0, 15.0)
+"""Range of an ATI Delta SI-165-15 [N, N m]."""
+
+POUND, STANDARD_GRAVITY, INCH = 4.4482216152605, 9.80665, 0.0254
+FORCE = {
+    "n": 1.0,
+    "kn": 1e3,
+    "lb": POUND,
+    "lbf": POUND,
+    "klb": 1e3 * POUND,
+    "kg": STANDARD_GRAVITY,
+    "kgf": STANDARD_GRAVITY,
+    "g": 1e-3 * STANDARD_GRAVITY,
+}
+DISTANCE = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": INCH, "ft": 12.0 * INCH}
+
+
+@dataclass(frozen=True, eq=False)
+class AtiCalibration:
+    """One calibration of one sensor.
+
+    Attributes:
+        serial: of the sensor.
+        part_number: of the calibration, e.g. SI-165-15.
+        matrix: (6, 6) wrench per gauge volt [N/V, N m/V], at the file's origin and axes.
+        limits: (6,) the calibrated range [N, N m].
+    """
+
+    serial: str
+    part_number: str
+    matrix: FloatArray
+    limits: FloatArray
+
+
+def read_calibration(path: str | Path) -> AtiCalibration:
+    """Read a .cal file.
+
+    Raises:
+        ConfigError: naming the file, what was expected and what came.
+    """
+    try:
+        text = Path(path).read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
+    return parse_calibration(text, str(path))
+
+
+def parse_calibration(text: str | bytes, name: str) -> AtiCalibration:
+    """Make a calibration from the text of a .cal file.
+
+    Args:
+        text: XML, one FTSensor with one Calibration.
+        name: of the file, for messages.
+
+    Raises:
+        ConfigError: naming what was expected and what came.
+    """
+    try:
+        sensor = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ConfigError(f"{name}: expected the XML of an ATI calibration, got {error}") from error
+    found = sensor.findall("Calibration")
+    if sensor.tag != "FTSensor" or len(found) != 1:
+        raise ConfigError(
+            f"{name}: expected one Calibration in an FTSensor, got {len(found)} in {sensor.tag}"
+        )
+    calibration = found[0]
+    gain = calibration.get("GainMultiplier", "1")
+    if not _number(gain) == 1.0:
+        raise ConfigError(f"{name}: GainMultiplier: expected 1, got {gain}; ask ATI for volts")
+    units = np.repeat([_force_unit(calibration, name), _torque_unit(calibration, name)], 3)
+    user = {axis.get("Name"): axis for axis in calibration.findall("UserAxis")}
+    if user:
+        matrix, limits = _rows(user, name, lambda _: 1.0)
+        return _finished(sensor, calibration, units[:, None] * matrix, units * limits, name)
+    # Files of version 1.0: rows times a scale, not yet transformed.
+    axes = {axis.get("Name"): axis for axis in calibration.findall("Axis")}
+    matrix, limits = _rows(axes, name, lambda axis: _number(axis.get("scale", "")))
+    matrix = _basic_transform(calibration, name) @ (units[:, None] * matrix)
+    return _finished(sensor, calibration, matrix, units * limits, name)
+
+
+def _finished(
+    sensor: Any, calibration: Any, matrix: FloatArray, limits: FloatArray, name: str
+) -> AtiCalibration:
+    if not (np.isfinite(matrix).all() and np.linalg.cond(matrix) < 1e6):
+        raise ConfigError(f"{name}: expected six independent finite rows, got a singular matrix")
+    if not (np.isfinite(limits).all() and (limits > 0.0).all()):
+        raise ConfigError(f"{name}: max: expected positive numbers, got {limits.tolist()}")
+    serial = sensor.get("Serial") or sensor.get("SerialNumber") or ""
+    matrix = np.ascontiguousarray(matrix)
+    return AtiCalibration(serial, calibration.get("PartNumber", ""), matrix, limits)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def _rows(
+    axes: dict[str | None, Any], name: str, scale: Callable[[Any], float]
+) -> tuple[FloatArray, FloatArray]:
+    missing = [axis for axis in AXES if axis not in axes]
+    if missing:
+        raise ConfigError(f"{name}: expected the axes {', '.join(AXES)}, {missing} are missing")
+    matrix, limits = np.zeros((6, 6)), np.zeros(6)
+    for i, axis in enumerate(AXES):
+        values = axes[axis].get("values", "")
+        row = [_number(value) for value in values.split()]
+        if len(row) != 6:
+            raise ConfigError(f"{name}: {axis}: expected 6 values, got {len(row)}: {values!r}")
+        matrix[i] = np.array(row) / scale(axes[axis])
+        limits[i] = _number(axes[axis].get("max", ""))
+    return matrix, limits
+
+
+def _unit(units: dict[str, float], text: str, key: str, name: str) -> float:
+    if text.lower() not in units:
+        raise ConfigError(f"{name}: {key}: expected one of {sorted(units)}, got {text!r}")
+    return units[text.lower()]
+
+
+def _force_unit(calibration: Any, name: str) -> float:
+    return _unit(FORCE, calibration.get("ForceUnits", ""), "ForceUnits", name)
+
+
+def _torque_unit(calibration: Any, name: str) -> float:
+    """Force times distance, in either order: N-m, N-mm, lbf-in, in-lb."""
+    text = calibration.get("TorqueUnits", "")
+    parts = text.lower().split("-")
+    for force, distance in (parts, parts[::-1]) if len(parts) == 2 else ():
+        if force in FORCE and distance in DISTANCE:
+            return FORCE[force] * DISTANCE[distance]
+    raise ConfigError(f"{name}: TorqueUnits: expected force-distance, e.g. N-m, got {text!r}")
+
+
+def _basic_transform(calibration: Any, name: str) -> FloatArray:
+    """(6, 6) of the BasicTransform element; distances, then angles about x, y, z in degrees."""
+    element = calibration.find("BasicTransform")
+    if element is None:
+        return np.eye(6)
+    unit = _unit(DISTANCE, calibration.get("DistUnits", ""), "DistUnits", name)
+    offset = [_number(element.get(key, "0")) for key in ("Dx", "Dy", "Dz")]
+    angles = [_number(element.get(key, "0")) for key in ("Rx", "Ry", "Rz")]
+    if angles != [0.0, 0.0, 0.0]:
+        raise ConfigError(
+            f"{name}: BasicTransform: expected no rotation, got {angles}; give the sensor's "
+            "orientation in sensor_rotation"
+        )
+    # The element names the new origin, seen from the old one.
+    return wrench_transform(-unit * np.array(offset), np.eye(3))
+
+
+def cross_matrix(vector: ArrayLike) -> FloatArray:
+    """Matrix (3, 3) of the cross product: with a it makes a x b of b."""
+    x, y, z = finite_array("vector", vector, (3,))
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def wrench_transform(position: ArrayLike, rotation: ArrayLike) -> FloatArray:
+    """Matrix from a wrench in a sensor's frame S to the same wrench in a frame P.
+
+    Args:
+        position: (3,) origin of S, seen from the origin of P, in axes P [m].
+        rotation: (3, 3) from axes S to axes P.
+
+    Returns:
+        (6, 6); force F_P = R F_S, torque T_P = R T_S + position x F_P.
+
+    Raises:
+        ShapeError: if an argument is not of its shape, not finite or no rotation.
+    """
+    turn = rotation_matrix("rotation", rotation)
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = matrix[3:, 3:] = turn
+    matrix[3:, :3] = cross_matrix(finite_array("position", position, (3,))) @ turn
+    return matrix
+
+
+def shift_wrench(wrench: ArrayLike, offset: ArrayLike) -> FloatArray:
+    """Move a wrench to another point of the same body: torque' = torque - offset x force.
+
+    Args:
+        wrench: (6,) force [N] then torque [N m], about a point A.
+        offset: (3,) from A to the new point, same axes [m].
+
+    Returns:
+        (6,) the same wrench about the new point.
+
+    Raises:
+        ShapeError: if an argument is not of its shape or not finite.
+    """
+    value = finite_array("wrench", wrench, (6,))
+    arm = finite_array("offset", offset, (3,))
+    return np.concatenate([value[:3], value[3:] - np.cross(arm, value[:3])])
+
+
+def saturated_axes(wrench: ArrayLike, limits: ArrayLike) -> tuple[str, ...]:
+    """Names of the axes, of AXES, beyond the sensor's range; one that is NaN is, too.
+
+    Args:
+        wrench: (6,) on the sensor, the tool's weight included, sensor axes [N, N m].
+        limits: (6,) range [N, N m].
+    """
+    pairs = zip(AXES, np.asarray(wrench, dtype=float), np.asarray(limits), strict=True)
+    return tuple(axis for axis, value, limit in pairs if not abs(value) <= limit)
