@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from one_process import MovingTarget, OneProcess
 
 from cabols_control.limb_controller import TensionSetpoint
 from cabols_control.modes import OperatingMode
+from one_process import MovingTarget, OneProcess
 
 MOST_N = 15.0
 """Required of a cable that follows the robot."""
@@ -104,7 +104,8 @@ def test_loading_goes_on_from_unloading_without_a_bump(loop):
     loop.setpoint = TensionSetpoint(0.0, loop.bridge.tension.copy(), True)
     loop.mode = OperatingMode.LOADING
     loop.cycle()
-    assert np.abs(loop.controller.current - before).max() < 0.1
+    # Of 3 A: the integral goes on, the reference alone has changed by what friction left over.
+    assert np.abs(loop.controller.current - before).max() < 0.2
     assert not loop.controller.fault
 
 
@@ -133,7 +134,7 @@ def test_pretightening_again_sets_the_zeros_anew(rig, card, plant_config):
     first = loop.bridge.tension - loop.plant.tension
     # The platform seems to have moved: tension control now goes by wrong zeros.
     geometry = rig.geometry
-    loop.bridge.set_pose(geometry.reference_position + [0.0, 0.0, 0.002], np.eye(3))
+    loop.bridge.set_pose(geometry.reference_position + np.array([0.0, 0.0, 0.002]), np.eye(3))
     loop.run(0.3)
     assert np.abs(loop.bridge.tension - loop.plant.tension).max() > 1.0
     loop.mode = OperatingMode.STOPPED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
 from typing import Protocol
 
 import numpy as np
@@ -25,7 +24,7 @@ from cabols_control.rig import Rig
 LONGEST_STEP_S = 0.010
 """A longer gap between states makes a derivative worthless: the law is reset without a bump."""
 UNLOADED_WITHIN_N = 3.0
-"""So near the holding tension a limb counts as unloaded: dry friction keeps it from the last bit."""
+"""So near the holding tension a limb counts as unloaded: dry friction keeps it off the rest."""
 MOVING = (
     OperatingMode.PRETIGHTENING,
     OperatingMode.LOADING,
@@ -178,7 +177,7 @@ class LimbController:
                 self.fault = "not finite: tension_command, or limb_state's elongation or tension"
                 return self._rest()
             self.current[:] = self._law.current
-            override_into(self._present, wanted, self._control.current_limit, self.current)
+        override_into(self._present, wanted, self._control.current_limit, self.current)
         if mode == OperatingMode.COMMISSIONING and self.excitation is not None:
             where = np.flatnonzero(self.limbs == self.excitation.limb)
             self.excitation.take(float(self.current[where].sum()))

@@ -1,4 +1,4 @@
-"""From a limb state to what each limb's law gets: kind of control, reference, position; compiled."""
+"""From limb states to what the law gets: kind of control, reference, position; compiled."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def references_into(
             reference[i] = -speed if closed[i] else speed
         elif now == SPEED:
             reference[i] = wanted[i]
-        elif now == TENSION or now == FOLLOW:
+        elif now in (TENSION, FOLLOW):
             limited = min(max(wanted[i], 0.0), tension_limit)
             # 0 * x is NaN for what is not finite, and the law refuses that.
             reference[i] = gain[i] * (limited - tension[i]) + 0.0 * wanted[i]

@@ -87,7 +87,7 @@ class Bridge:
         Whenever the mode becomes PRETIGHTENING all zeros are forgotten, to be set anew.
         """
         card = self._card
-        if mode == OperatingMode.PRETIGHTENING != self._mode:
+        if mode == OperatingMode.PRETIGHTENING and self._mode != mode:
             self._zero[:] = np.nan
             self.zeroed[:] = False
         self._mode = mode
