@@ -8,9 +8,8 @@ import pytest
 from cabols_control.commissioning import (
     CommissioningConfig,
     CommissioningError,
-    RampProgramme,
-    StepProgramme,
-    largest_ramp,
+    make_ramp,
+    make_step,
 )
 from cabols_control.commissioning_results import (
     LimbResult,
@@ -31,17 +30,13 @@ CONFIG = CommissioningConfig()
 
 
 def step_of(rig, limb, config=CONFIG):
-    control = rig.control
-    return StepProgramme(
-        limb, config, control.tension_max, control.pretension_speed, control.free_speed
-    )
+    return make_step(rig, limb, config)
 
 
-def ramp_of(rig, limb, config=CONFIG):
-    pose = (rig.geometry.reference_position, rig.geometry.reference_rotation)
-    column = structure_matrix(rig.geometry, *pose)[:, limb]
-    peak = largest_ramp(column, rig.control.rated, config.ramp_tension)
-    return RampProgramme(limb, config, rig.control.tension_max, rig.holding_tension, peak)
+def ramp_of(rig, limb):
+    geometry = rig.geometry
+    pose = (geometry.reference_position, geometry.reference_rotation)
+    return make_ramp(rig, limb, CONFIG, *pose)
 
 
 @pytest.fixture

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, in_range
 from cabols_control.errors import CabolsError
+from cabols_control.kinematics import structure_matrix
 from cabols_control.limb_references import CURRENT, REST, SPEED, TENSION
 
 if TYPE_CHECKING:
     from cabols_control.limb_controller import LimbSample
+    from cabols_control.rig import Rig
 
 COLUMNS = ("time", "current", "wound_length", "elongation", "tension")
 STEP, RAMP = "step", "ramp"
@@ -135,13 +138,18 @@ class Programme:
             self.abort(f"not done within {self._config.timeout:g} s, in phase {self.phase}")
         if zeroed and not tension <= self._tension_max + GUARD_MARGIN_N:
             self.abort(f"tension {tension:.1f} N, {self._tension_max:g} N allowed")
-        return (REST, 0.0) if self.done else self.advance(now_s, wound, closed)
+        return (REST, 0.0) if self.done else self.advance(wound, closed)
+
+    @property
+    def progress(self) -> float:
+        """Share that is done, roughly."""
+        raise NotImplementedError
 
     def begin(self, sample: LimbSample) -> None:
         """Take the first sample."""
         raise NotImplementedError
 
-    def advance(self, now_s: float, wound: float, closed: bool) -> tuple[int, float]:
+    def advance(self, wound: float, closed: bool) -> tuple[int, float]:
         """Return kind and value for one sample within the guards."""
         raise NotImplementedError
 
@@ -207,7 +215,7 @@ class StepProgramme(Programme):
         self._home = self._open = float(sample.wound_length[self.limb])
         self._enter("slacken")
 
-    def advance(self, now_s: float, wound: float, closed: bool) -> tuple[int, float]:
+    def advance(self, wound: float, closed: bool) -> tuple[int, float]:
         """Do the next thing."""
         if not abs(wound - self._home) <= 1.5 * self._config.travel:
             self.abort(
@@ -268,6 +276,9 @@ class RampProgramme(Programme):
 
     All limbs must be pre-tightened. From the holding tension down to 2 N, up to the peak, down to
     2 N and back. Recorded throughout.
+
+    Attributes:
+        peak: highest tension [N].
     """
 
     kind = RAMP
@@ -291,7 +302,7 @@ class RampProgramme(Programme):
             peak: highest tension, see largest_ramp [N].
         """
         super().__init__(limb, config, tension_max)
-        in_range("peak", peak, 2.0 * hold, tension_max)
+        self.peak = in_range("peak", peak, 2.0 * hold, tension_max)
         corners = np.array([hold, hold, LOW_TENSION_N, peak, LOW_TENSION_N, hold, hold])
         times = np.abs(np.diff(corners)) / config.ramp_rate
         times[times == 0.0] = SETTLE_S
@@ -327,13 +338,40 @@ class RampProgramme(Programme):
         self._recording = True
         self._enter("ramp")
 
-    def advance(self, now_s: float, wound: float, closed: bool) -> tuple[int, float]:
+    def advance(self, wound: float, closed: bool) -> tuple[int, float]:
         """Return the ramp's tension."""
+        del wound, closed
         elapsed = self._elapsed()
         if elapsed > self._times[-1]:
             self.done = True
             return REST, 0.0
         return TENSION, float(np.interp(elapsed, self._times, self._corners))
+
+
+def make_step(rig: Rig, limb: int, config: CommissioningConfig) -> StepProgramme:
+    """Return the step programme for a limb of a rig."""
+    control = rig.control
+    return StepProgramme(
+        limb, config, control.tension_max, control.pretension_speed, control.free_speed
+    )
+
+
+def make_ramp(
+    rig: Rig, limb: int, config: CommissioningConfig, position: ArrayLike, rotation: ArrayLike
+) -> RampProgramme:
+    """Return the ramp programme for a limb of a rig, no higher than its sensor and cables bear.
+
+    Args:
+        rig: configuration.
+        limb: index from 0.
+        config: how to excite.
+        position: (3,) of the platform [m].
+        rotation: (3, 3) from platform to base axes.
+    """
+    column = structure_matrix(rig.geometry, position, rotation)[:, limb]
+    asked = min(config.ramp_tension, rig.control.tension_max)
+    peak = largest_ramp(column, rig.control.rated, asked)
+    return RampProgramme(limb, config, rig.control.tension_max, rig.holding_tension, peak)
 
 
 def largest_ramp(column: FloatArray, rated: FloatArray, asked: float, margin: float = 0.9) -> float:
