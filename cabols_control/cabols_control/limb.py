@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from cabols_control.errors import ShapeError
 
 TIME_CONSTANT_RANGE_S = (0.005, 10.0)
 MIN_SAMPLES = 20
+SPEED_WINDOW = 5
+"""Samples over which the direction of motion is told."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,19 @@ class LimbModel:
     gain: float
     time_constant: float
     fit: float = 1.0
+
+
+@dataclass(frozen=True)
+class FrictionFit:
+    """Limb model and the dry friction beside it.
+
+    Attributes:
+        model: k and T of (3.11) without the friction's share.
+        friction: current that overcomes dry friction [A].
+    """
+
+    model: LimbModel
+    friction: float
 
 
 @dataclass(frozen=True)
@@ -109,16 +125,65 @@ def identify_limb(time: ArrayLike, current: ArrayLike, wound_length: ArrayLike) 
         residual = wound - regressor @ solution
         return float(residual @ residual), float(solution[0]), residual
 
+    found = _search(lambda value: project(value)[0])
+    _, gain, residual = project(found)
+    fit = 1.0 - float(np.linalg.norm(residual) / np.linalg.norm(wound - wound.mean()))
+    return LimbModel(gain=gain, time_constant=float(np.exp(found)), fit=fit)
+
+
+def identify_limb_with_friction(
+    time: ArrayLike, current: ArrayLike, wound_length: ArrayLike, still: float = 3e-6
+) -> FrictionFit:
+    """Fit (3.11) driven by current minus dry friction against the motion.
+
+    k and k times the friction are linear in the data, so that one search over T remains, as in
+    identify_limb. The data need motion without drive (coasting to rest) or several currents: in
+    a single step, or in a pair of opposite ones, friction looks like a smaller k.
+
+    Args:
+        time: (k,) [s].
+        current: (k,) held between samples [A].
+        wound_length: (k,) [m].
+        still: less motion than this within five samples is standing still [m].
+
+    Returns:
+        Model and friction.
+
+    Raises:
+        ShapeError: as identify_limb.
+    """
+    time_s, current_a = _step_data(time, current)
+    wound = finite_array("wound_length", wound_length, (time_s.size,))
+    if not np.ptp(wound) > still:
+        raise ShapeError("wound_length: expected motion, got a constant; is the encoder connected?")
+    moved = np.zeros_like(wound)
+    half = SPEED_WINDOW // 2
+    moved[half:-half] = wound[2 * half :] - wound[: -2 * half]
+    direction = np.where(np.abs(moved) > still, np.sign(moved), 0.0)
+
+    def project(log_time_constant: float) -> tuple[float, FloatArray]:
+        constant = float(np.exp(log_time_constant))
+        columns = [_unit_response(time_s, signal, constant) for signal in (current_a, -direction)]
+        regressor = np.column_stack([*columns, np.ones_like(wound)])
+        solution = np.linalg.lstsq(regressor, wound, rcond=None)[0]
+        residual = wound - regressor @ solution
+        return float(residual @ residual), np.array([*solution, np.linalg.norm(residual)])
+
+    found = _search(lambda value: project(value)[0])
+    gain, gain_friction, _, residual = project(found)[1]
+    fit = 1.0 - float(residual / np.linalg.norm(wound - wound.mean()))
+    model = LimbModel(float(gain), float(np.exp(found)), fit)
+    return FrictionFit(model, float(gain_friction / gain))
+
+
+def _search(cost: Callable[[float], float]) -> float:
+    """Logarithm of the time constant with the least cost: grid, then bounded search."""
     low, high = np.log(TIME_CONSTANT_RANGE_S)
     grid = np.linspace(low, high, 40)
-    start = int(np.argmin([project(value)[0] for value in grid]))
-    bracket = (grid[max(start - 1, 0)], grid[min(start + 1, grid.size - 1)])
-    found = minimize_scalar(
-        lambda value: project(value)[0], bounds=bracket, method="bounded", options={"xatol": 1e-10}
-    )
-    _, gain, residual = project(found.x)
-    fit = 1.0 - float(np.linalg.norm(residual) / np.linalg.norm(wound - wound.mean()))
-    return LimbModel(gain=gain, time_constant=float(np.exp(found.x)), fit=fit)
+    best = int(np.argmin([cost(value) for value in grid]))
+    bracket = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])
+    found = minimize_scalar(cost, bounds=bracket, method="bounded", options={"xatol": 1e-10})
+    return float(found.x)
 
 
 def _step_data(time: ArrayLike, current: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -3,17 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.limb_law import LimbLaw
+from cabols_control.limb_references import (
+    FOLLOW,
+    REST,
+    SWITCH,
+    TENSION,
+    override_into,
+    ramp_into,
+    references_into,
+)
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 
 LONGEST_STEP_S = 0.010
 """A longer gap between states makes a derivative worthless: the law is reset without a bump."""
+UNLOADED_WITHIN_N = 3.0
+"""So near the holding tension a limb counts as unloaded: dry friction keeps it off the rest."""
+MOVING = (
+    OperatingMode.PRETIGHTENING,
+    OperatingMode.LOADING,
+    OperatingMode.FREE_MOVING,
+    OperatingMode.UNLOADING,
+    OperatingMode.COMMISSIONING,
+)
+"""Modes in which currents may flow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,44 +65,35 @@ class TensionSetpoint:
     active: bool
 
 
-@njit(cache=True)
-def _references_into(
-    zeroed: BoolArray,
-    closed: BoolArray,
-    wound: FloatArray,
-    elongation: FloatArray,
-    tension: FloatArray,
-    wanted: FloatArray,
-    gain: FloatArray,
-    tension_limit: float,
-    speed: float,
-    by_tension: BoolArray,
-    changed: BoolArray,
-    position: FloatArray,
-    reference: FloatArray,
-) -> None:
-    """Tension control for limbs with a known zero, winding for the others; all (n,)."""
-    for i in range(wound.shape[0]):
-        changed[i] = by_tension[i] != zeroed[i]
-        by_tension[i] = zeroed[i]
-        if zeroed[i]:
-            limited = min(max(wanted[i], 0.0), tension_limit)
-            # 0 * x is NaN for what is not finite, and the law refuses that.
-            reference[i] = gain[i] * (limited - tension[i]) + 0.0 * wanted[i]
-            position[i] = elongation[i]
-        else:
-            # A switch that is closed before its zero is known must open first: the zero is set
-            # where it closes.
-            reference[i] = -speed if closed[i] else speed
-            position[i] = wound[i]
+class Excitation(Protocol):
+    """A commissioning programme on one limb; see cabols_control.commissioning."""
+
+    limb: int
+    """Index from 0."""
+    hold_others: bool
+    """Whether the other limbs hold the holding tension; else they rest."""
+    started: bool
+    done: bool
+
+    def step(self, sample: LimbSample) -> tuple[int, float]:
+        """Return the limb's kind of control (limb_references) and its value."""
+
+    def take(self, current: float) -> None:
+        """Record the limb's current that answers the newest sample [A]."""
+
+    def abort(self, reason: str) -> None:
+        """End at once; does nothing when done."""
 
 
 class LimbController:
     """Pure core of the limb_controller node for all limbs, or a subset.
 
     Attributes:
-        current: (n,) newest output [A].
+        limbs: (m,) indices of the limbs it drives.
+        current: (m,) newest output [A].
         fault: why the output is held at zero; empty while all is well.
+        unloaded: in UNLOADING, whether every zeroed limb is at the holding tension, within 3 N.
+        excitation: commissioning programme that is waiting, running or over; None: none.
     """
 
     def __init__(
@@ -97,22 +107,31 @@ class LimbController:
             command_timeout: replaces the configuration's [s].
         """
         chosen = list(range(rig.geometry.cables)) if limbs is None else limbs
+        n = len(chosen)
         self.limbs = np.array(chosen, dtype=np.int64)
+        self._control = rig.control
         self._law = LimbLaw([rig.gains.limbs[i] for i in chosen], rig.control.current_limit)
         self._timeout = command_timeout or rig.control.command_timeout
-        self._speed = rig.control.pretension_speed
-        self._hold = np.full(len(chosen), 1.3 * rig.limbs.switch_tension)
-        self._tension_limit = rig.control.tension_max
-        self._reference = np.zeros(len(chosen))
-        self._position = np.zeros(len(chosen))
-        self._by_tension = np.zeros(len(chosen), dtype=np.bool_)
-        self._changed = np.zeros(len(chosen), dtype=np.bool_)
+        self._holding_tension = rig.holding_tension
+        self._hold = np.full(n, rig.holding_tension)
+        self._wanted = np.zeros(n)
+        self._kind = np.zeros((n, 2), dtype=np.int64)
+        self._present = np.zeros(n, dtype=np.int64)
+        self._changed: BoolArray = np.zeros(n, dtype=np.bool_)
+        self._reference = np.zeros(n)
+        self._position = np.zeros(n)
+        self._length = np.zeros(n)
+        self._rate = np.zeros(n)
         self._moving = False
+        self._mode = OperatingMode.STOPPED
+        self._ramped = False
         everything = chosen == list(range(rig.geometry.cables))
         self._pick: slice | IntArray = slice(None) if everything else self.limbs
         self._last_stamp = -np.inf
-        self.current = np.zeros(len(chosen))
+        self.current = np.zeros(n)
         self.fault = ""
+        self.unloaded = False
+        self.excitation: Excitation | None = None
 
     def trip(self, reason: str) -> None:
         """Hold the output at zero for a reason from outside; the first reason stays."""
@@ -140,9 +159,14 @@ class LimbController:
             self.fault = ""
         if not self.fault and mode == OperatingMode.LOADING:
             self.fault = self._why_not_load(sample, setpoint)
-        if self.fault or mode not in (OperatingMode.PRETIGHTENING, OperatingMode.LOADING):
+        entered = mode != self._mode
+        self._mode = mode
+        if self.excitation is not None:
+            self._watch_excitation(self.excitation, mode, dt_s)
+        if self.fault or mode not in MOVING:
             return self._rest()
-        changed = self._set_references(sample, mode, setpoint)
+        wanted, speed = self._plan(sample, mode, setpoint, entered, dt_s)
+        changed = self._set_references(sample, wanted, speed, min(dt_s, LONGEST_STEP_S))
         if not self._moving or dt_s > LONGEST_STEP_S:
             changed[:] = True
             self._moving = True
@@ -153,6 +177,10 @@ class LimbController:
                 self.fault = "not finite: tension_command, or limb_state's elongation or tension"
                 return self._rest()
             self.current[:] = self._law.current
+        override_into(self._present, wanted, self._control.current_limit, self.current)
+        if mode == OperatingMode.COMMISSIONING and self.excitation is not None:
+            where = np.flatnonzero(self.limbs == self.excitation.limb)
+            self.excitation.take(float(self.current[where].sum()))
         return self.current
 
     def _why_not_load(self, sample: LimbSample, setpoint: TensionSetpoint | None) -> str:
@@ -169,19 +197,77 @@ class LimbController:
             return f"limbs {missing.tolist()} are not pre-tightened"
         return ""
 
+    def _watch_excitation(self, excitation: Excitation, mode: OperatingMode, dt_s: float) -> None:
+        """End a programme that may not go on; its limbs then rest."""
+        if self.fault:
+            excitation.abort(self.fault)
+        elif excitation.started and mode != OperatingMode.COMMISSIONING:
+            excitation.abort(f"the mode became {mode.name}")
+        elif excitation.started and not dt_s <= LONGEST_STEP_S:
+            excitation.abort(f"no limb state for {1e3 * dt_s:.0f} ms")
+
     def _rest(self) -> FloatArray:
         self.current[:] = 0.0
         self._moving = False
+        self.unloaded = False
         return self.current
 
+    def _plan(
+        self,
+        sample: LimbSample,
+        mode: OperatingMode,
+        setpoint: TensionSetpoint | None,
+        entered: bool,
+        dt_s: float,
+    ) -> tuple[FloatArray, float]:
+        """Set each limb's kinds of control; return what is wanted (n,) and the switches' speed."""
+        control, kind = self._control, self._kind
+        if mode == OperatingMode.LOADING or mode == OperatingMode.PRETIGHTENING:
+            kind[:, 0], kind[:, 1] = SWITCH, TENSION
+            commanded = mode == OperatingMode.LOADING and setpoint is not None and setpoint.active
+            wanted = setpoint.tension if commanded and setpoint is not None else self._hold
+            return wanted, control.pretension_speed
+        if mode == OperatingMode.COMMISSIONING:
+            self._excite(sample)
+            return self._wanted, control.pretension_speed
+        free = mode == OperatingMode.FREE_MOVING
+        kind[:, 0], kind[:, 1] = (SWITCH, FOLLOW) if free else (REST, TENSION)
+        if entered or not self._moving:
+            self._wanted[:] = np.nan
+        goal = control.free_tension if free else self._holding_tension
+        tension = sample.tension[self._pick]
+        ramped = ramp_into(goal, control.unload_tension_rate * dt_s, tension, self._wanted)
+        if not free:
+            near = np.abs(tension - goal) <= UNLOADED_WITHIN_N
+            self.unloaded = ramped and bool((near | ~sample.zeroed[self._pick]).all())
+        return self._wanted, control.free_speed
+
+    def _excite(self, sample: LimbSample) -> None:
+        """Let the programme drive its limb; the others rest, or hold their tension."""
+        excitation = self.excitation
+        self._kind[:] = REST
+        if excitation is None or excitation.done:
+            return
+        where = np.flatnonzero(self.limbs == excitation.limb)
+        if where.size == 0:
+            excitation.abort(f"limb {excitation.limb} belongs to another controller")
+            return
+        kind, value = excitation.step(sample)
+        if excitation.done:
+            return
+        if excitation.hold_others:
+            self._kind[:] = TENSION
+            self._wanted[:] = self._holding_tension
+        self._kind[where] = kind
+        self._wanted[where] = value
+
     def _set_references(
-        self, sample: LimbSample, mode: OperatingMode, setpoint: TensionSetpoint | None
+        self, sample: LimbSample, wanted: FloatArray, speed: float, dt_s: float
     ) -> BoolArray:
         """Fill reference and position; return (n,) bool, where the kind of control changes."""
-        loading = mode == OperatingMode.LOADING and setpoint is not None and setpoint.active
-        wanted = setpoint.tension if loading and setpoint is not None else self._hold
         pick = self._pick
-        _references_into(
+        references_into(
+            self._kind,
             sample.zeroed[pick],
             sample.switch_closed[pick],
             sample.wound_length[pick],
@@ -189,10 +275,13 @@ class LimbController:
             sample.tension[pick],
             wanted,
             self._law.tension_gain,
-            self._tension_limit,
-            self._speed,
-            self._by_tension,
+            self._control.tension_max,
+            speed,
+            dt_s,
+            self._present,
             self._changed,
+            self._length,
+            self._rate,
             self._position,
             self._reference,
         )

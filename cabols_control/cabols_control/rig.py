@@ -73,6 +73,9 @@ class ControlConfig:
     command_timeout: float = 0.015
     desired_timeout: float = 0.25
     unload_rate: list[float] | None = None
+    unload_tension_rate: float = 300.0
+    free_tension: float = 7.0
+    free_speed: float = 0.1
 
     def __post_init__(self) -> None:
         """Check limits against each other and against what the hardware bears."""
@@ -80,6 +83,9 @@ class ControlConfig:
         in_range("tension_min", self.tension_min, 0.0, 1000.0)
         in_range("tension_max", self.tension_max, self.tension_min + 1e-3, 10000.0)
         in_range("pretension_speed", self.pretension_speed, 1e-4, 1.0)
+        in_range("unload_tension_rate", self.unload_tension_rate, 1.0, 1e5)
+        in_range("free_tension", self.free_tension, 0.1, self.tension_max)
+        in_range("free_speed", self.free_speed, 1e-3, 1.0)
         in_range("command_timeout", self.command_timeout, 1e-3, 1.0)
         in_range("desired_timeout", self.desired_timeout, 1e-3, 60.0)
         for name, values in (
@@ -122,6 +128,11 @@ class Rig:
                 f"limbs: expected {self.geometry.cables} limbs as the geometry has cables, "
                 f"got {len(self.limbs.gain)}"
             )
+
+    @property
+    def holding_tension(self) -> float:
+        """Tension of a pre-tightened or unloaded limb: safely above its switch's [N]."""
+        return 1.3 * self.limbs.switch_tension
 
     @cached_property
     def gains(self) -> WrenchGains:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from cabols_control.limb import identify_limb
-from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.limb_controller import MOVING, LimbController, LimbSample, TensionSetpoint
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig, load_rig
 from cabols_control.tension import distribute
@@ -27,10 +27,10 @@ def warm_limbs(rig: Rig, sample: LimbSample | None = None) -> None:
         flags, length = np.ones(n, dtype=np.bool_), np.full(n, 0.001)
         sample = LimbSample(0.0, length, length, length, flags, flags)
     controller = LimbController(rig)
-    for k in range(3):
-        setpoint = TensionSetpoint(0.001 * k, np.full(n, 10.0), True)
-        for mode in (OperatingMode.PRETIGHTENING, OperatingMode.LOADING):
-            controller.step(replace(sample, stamp_s=0.001 * k), mode, setpoint)
+    for k in range(3 * len(MOVING)):
+        stamp_s = 0.001 * k
+        setpoint = TensionSetpoint(stamp_s, np.full(n, 10.0), True)
+        controller.step(replace(sample, stamp_s=stamp_s), MOVING[k // 3], setpoint)
 
 
 def warm_wrenches(rig: Rig) -> None:

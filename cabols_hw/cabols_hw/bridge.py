@@ -52,6 +52,7 @@ class Bridge:
         self._raw = np.zeros(n, dtype=np.int64)
         self._counts = np.zeros(n, dtype=np.int64)
         self._started = False
+        self._mode = OperatingMode.STOPPED
         self._length = np.zeros(n)
         self._zero = np.full(n, np.nan)
         self._was_closed: BoolArray = np.ones(n, dtype=np.bool_)
@@ -130,8 +131,13 @@ class Bridge:
 
         In PRETIGHTENING the sample at which a limb's switch closes (from open) sets its zero: there
         the tension is the switch's 4.7 N, so that elongation counts from the unloaded spring.
+        Whenever the mode becomes PRETIGHTENING all zeros are forgotten, to be set anew.
         """
         card = self._card
+        if mode == OperatingMode.PRETIGHTENING and self._mode != mode:
+            self._zero[:] = np.nan
+            self.zeroed[:] = False
+        self._mode = mode
         if not self._started:
             self._raw[:] = sample.encoders
             self._newest_ns = sample.time_ns

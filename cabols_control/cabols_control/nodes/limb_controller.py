@@ -7,9 +7,11 @@ import time
 
 import numpy as np
 
+from cabols_control.checks import BoolArray
 from cabols_control.errors import ConfigError
-from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.limb_controller import MOVING, LimbController, LimbSample, TensionSetpoint
 from cabols_control.modes import OperatingMode
+from cabols_control.nodes.commission_server import CommissionServer
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
@@ -61,6 +63,18 @@ class LimbControllerNode(ControlNode):
             self.lockstep,
         )
         self._loop.prepare = self.prepare_thread
+        self.seen_mode = OperatingMode.STOPPED
+        # Two controllers with a part of the limbs each would offer the same action twice, and
+        # neither could pre-tighten the other's limbs.
+        every = len(limbs) == geometry.cables and not self.lockstep
+        self._commissioning = CommissionServer(self, self._controller) if every else None
+
+    def zeroed(self) -> BoolArray:
+        """(n,) bool, limbs with a zero in the newest limb state."""
+        record = self._state.record
+        if record is None:
+            return np.zeros(self._cables.size, dtype=np.bool_)
+        return np.array(record["zeroed"], dtype=np.bool_)
 
     def begin(self) -> None:
         """Start the loop."""
@@ -69,6 +83,8 @@ class LimbControllerNode(ControlNode):
     def end(self) -> None:
         """Stop the loop; the last word is zero current."""
         self._loop.stop()
+        if self._commissioning is not None:
+            self._commissioning.close()
         if self.context.ok():
             self._answer["current"][:] = 0.0
             self._output.publish(self._answer.raw())
@@ -93,6 +109,8 @@ class LimbControllerNode(ControlNode):
         answer["current"][:] = current
         answer["saturated"][:] = self._controller.saturated
         self._output.publish(answer.raw())
+        if self._commissioning is not None:
+            self._commissioning.after_step()
         self.status.work.add(time.monotonic() - started)
         self.status.lost = self._state.lost
         self._report()
@@ -119,8 +137,9 @@ class LimbControllerNode(ControlNode):
             return OperatingMode.STOPPED
         mode = OperatingMode(int(self._mode.record["mode"]))
         age = 1e-9 * (self._state.stamp_ns - self._mode.stamp_ns)
-        if mode == OperatingMode.LOADING and not age <= MODE_TIMEOUT_S:
+        if mode in MOVING and not age <= MODE_TIMEOUT_S:
             self._controller.trip(f"mode is {age:.1f} s old: the supervisor is silent")
+        self.seen_mode = mode
         return mode
 
     def _setpoint(self) -> TensionSetpoint | None:

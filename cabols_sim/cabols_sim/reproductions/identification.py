@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.optimize import minimize_scalar
 
 from cabols_control.checks import FloatArray
-from cabols_control.limb import TIME_CONSTANT_RANGE_S, LimbModel, identify_limb, step_response
+from cabols_control.limb import (
+    LimbModel,
+    identify_limb,
+    identify_limb_with_friction,
+    step_response,
+)
 from cabols_sim.figures import new_figure, tidy
 from cabols_sim.plant_config import PlantConfig
 from cabols_sim.reproductions.common import (
@@ -23,66 +25,8 @@ from cabols_sim.reproductions.common import (
 STEP_A = 0.5
 HOLD_S = 2.0
 """The source does not say how long; this is at least 3.5 T of every limb."""
-SPEED_WINDOW = 5
-"""Samples over which the direction of motion is told."""
 STILL_COUNTS = 3
-"""Less motion within that window is standing still."""
-
-
-@dataclass(frozen=True)
-class FrictionFit:
-    """Limb model and the dry friction beside it.
-
-    Attributes:
-        model: k and T of (3.11) without the friction's share.
-        friction: current that overcomes dry friction [A].
-    """
-
-    model: LimbModel
-    friction: float
-
-
-def identify_with_friction(
-    time: FloatArray, current: FloatArray, wound_length: FloatArray, still: float
-) -> FrictionFit:
-    """Fit (3.11) driven by current minus dry friction against the motion.
-
-    k and k times the friction are linear in the data, so that one search over T remains, as in
-    identify_limb. The data need motion without drive (coasting to rest) or several currents: in
-    a single step, or in a pair of opposite ones, friction looks like a smaller k.
-
-    Args:
-        time: (k,) [s].
-        current: (k,) held between samples [A].
-        wound_length: (k,) [m].
-        still: less motion than this within five samples is standing still [m].
-
-    Returns:
-        Model and friction.
-    """
-    moved = np.zeros_like(wound_length)
-    half = SPEED_WINDOW // 2
-    moved[half:-half] = wound_length[2 * half :] - wound_length[: -2 * half]
-    direction = np.where(np.abs(moved) > still, np.sign(moved), 0.0)
-
-    def project(log_time_constant: float) -> tuple[float, FloatArray]:
-        unit = LimbModel(1.0, float(np.exp(log_time_constant)))
-        columns = [step_response(unit, time, signal) for signal in (current, -direction)]
-        regressor = np.column_stack([*columns, np.ones_like(time)])
-        solution = np.linalg.lstsq(regressor, wound_length, rcond=None)[0]
-        residual = wound_length - regressor @ solution
-        return float(residual @ residual), np.array([*solution, np.linalg.norm(residual)])
-
-    low, high = np.log(TIME_CONSTANT_RANGE_S)
-    grid = np.linspace(low, high, 40)
-    best = int(np.argmin([project(value)[0] for value in grid]))
-    bracket = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])
-    found = minimize_scalar(
-        lambda value: project(value)[0], bounds=bracket, method="bounded", options={"xatol": 1e-8}
-    )
-    gain, gain_friction, _, residual = project(found.x)[1]
-    fit = 1.0 - float(residual / np.linalg.norm(wound_length - wound_length.mean()))
-    return FrictionFit(LimbModel(float(gain), float(np.exp(found.x)), fit), gain_friction / gain)
+"""Less motion within five samples is standing still."""
 
 
 def _single() -> FloatArray:
@@ -120,7 +64,7 @@ def reproduce_identification() -> Reproduction:
             time, wound = _measure(plant, limb, current)
             found[name].append(identify_limb(time, current, wound))
         time, wound = _measure(full, limb, _coast())
-        aware = identify_with_friction(time, _coast(), wound, still)
+        aware = identify_limb_with_friction(time, _coast(), wound, still)
         found["friction"].append(aware.model)
         frictions.append(aware.friction)
     gains = {name: np.array([m.gain for m in models]) for name, models in found.items()}

@@ -1,0 +1,263 @@
+"""Tool: commissions limbs of a running rig, writes limbs.yaml, gains.yaml, a table and figures."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from cabols_msgs.action import CommissionLimb
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from cabols_control.commissioning_figures import draw_limb, draw_overview, modelled_step, save
+from cabols_control.commissioning_results import (
+    LimbResult,
+    cable_tension_by_wrench,
+    evaluate_step,
+    table,
+    write_results,
+)
+from cabols_control.errors import CabolsError
+from cabols_control.kinematics import structure_matrix
+from cabols_control.rig import Rig, load_rig
+from cabols_control.ros import topics
+from cabols_control.ros.limb_trace import LimbTrace
+
+PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
+FOUND_S = 60.0
+"""The action must be there within this."""
+LIMB_S = 180.0
+"""One limb may take so long."""
+START_S = 20.0
+"""So long after the start of the rig a refusal is tried again: nodes report once a second."""
+
+
+class Tool:
+    """Client of commission_limb with a trace of what it did."""
+
+    def __init__(self, rig: Rig) -> None:
+        """Make a node; nothing moves yet."""
+        self._rig = rig
+        self._node = rclpy.create_node("commission", namespace=topics.NAMESPACE)
+        self._client = ActionClient(self._node, CommissionLimb, "commission_limb")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._trace = LimbTrace(self._node, rig)
+        self._trace.start()
+        self._began = time.monotonic()
+        self._phase = ""
+
+    def close(self) -> None:
+        """End."""
+        self._trace.stop()
+        self._executor.remove_node(self._node)
+        self._client.destroy()
+        self._node.destroy_node()
+
+    def say(self, text: str) -> None:
+        """Print a line with the time since start."""
+        print(f"  {time.monotonic() - self._began:5.1f} s  {text}", flush=True)
+
+    def find(self) -> bool:
+        """Wait for the action; whether it is there."""
+        while not self._client.server_is_ready():
+            if time.monotonic() - self._began > FOUND_S:
+                return False
+            self._executor.spin_once(timeout_sec=0.2)
+        return True
+
+    def run(self, goal: CommissionLimb.Goal) -> tuple[bool, LimbResult]:
+        """Commission one limb; early refusals are tried again."""
+        while True:
+            sent = time.monotonic()
+            result = self._run_once(goal)
+            now = time.monotonic()
+            refused = not result.success and "refuses" in result.message and now - sent < 2.0
+            if not refused or now - self._began > START_S:
+                break
+            self._wait(0.5)
+        found = LimbResult(
+            goal.limb,
+            result.gain,
+            result.time_constant,
+            result.fit,
+            result.stiffness,
+            result.stiffness_fit,
+            result.message,
+        )
+        return bool(result.success), found
+
+    def _wait(self, seconds: float) -> None:
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def _run_once(self, goal: CommissionLimb.Goal) -> Any:
+        self._phase = ""
+        self._trace.begin(goal.limb)
+        handle = self._result(self._client.send_goal_async(goal, self._hear), 10.0)
+        future = handle.get_result_async()
+        try:
+            return self._result(future, LIMB_S).result
+        except (KeyboardInterrupt, TimeoutError):
+            self.say("cancelling")
+            handle.cancel_goal_async()
+            until = time.monotonic() + 2.0
+            while not future.done() and time.monotonic() < until:
+                self._executor.spin_once(timeout_sec=0.1)
+            raise
+
+    def _result(self, future: Any, seconds: float) -> Any:
+        until = time.monotonic() + seconds
+        while not future.done():
+            if time.monotonic() > until:
+                raise TimeoutError(f"commission_limb: no answer within {seconds:g} s")
+            self._executor.spin_once(timeout_sec=0.2)
+        return future.result()
+
+    def _hear(self, message: Any) -> None:
+        phase = message.feedback.phase
+        if phase != self._phase and phase in PHASES:
+            self._phase = phase
+            self._trace.phase = PHASES.index(phase)
+            self.say(phase)
+
+    def draw(self, result: LimbResult, folder: Path) -> None:
+        """Draw a limb's step and ramp from the trace."""
+        rows = self._trace.rows()
+        step = _step_of(rows) if np.isfinite(result.gain) else None
+        ramp = _ramp_of(rows, self._rig, result.limb) if np.isfinite(result.stiffness) else None
+        save(draw_limb(result, step, ramp), folder / f"limb_{result.limb + 1}.png")
+
+
+def _step_of(rows: np.ndarray) -> dict[str, np.ndarray] | None:
+    """Trace from just before the step's current to the end of the coasting."""
+    moving = np.isin(rows[:, 0], [PHASES.index(name) for name in ("step", "coast", "brake")])
+    if moving.sum() < 100:
+        return None
+    first, last = np.flatnonzero(moving)[[0, -1]]
+    part = rows[max(first - 200, 0) : last + 1]
+    # A row's current was on the motor until then; the model wants the one from then on.
+    record = {
+        "time": part[:-1, 1] - part[0, 1],
+        "current": part[1:, 2],
+        "wound_length": part[:-1, 3],
+    }
+    found = evaluate_step(record)
+    record["modelled"] = modelled_step(*record.values(), found.model, found.friction)
+    return record
+
+
+def _ramp_of(rows: np.ndarray, rig: Rig, limb: int) -> dict[str, np.ndarray] | None:
+    part = rows[rows[:, 0] == PHASES.index("ramp")]
+    part = part[np.isfinite(part).all(axis=1)]
+    if part.shape[0] < 100:
+        return None
+    geometry = rig.geometry
+    turn = geometry.reference_rotation
+    wrench = np.hstack([part[:, 6:9] @ turn.T, part[:, 9:12] @ turn.T])
+    matrix = structure_matrix(geometry, geometry.reference_position, turn)
+    change = wrench - wrench[:100].mean(axis=0)
+    tension = cable_tension_by_wrench(matrix, limb, change, rig.control.rated)
+    return {"elongation": part[:, 4], "tension": part[:100, 5].mean() + tension}
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="commission", description=__doc__)
+    parser.add_argument("--limb", type=int, action="append", help="from 1; repeat; default: all")
+    parser.add_argument("--output", type=Path, default=Path("build/commission"), help="to fill")
+    parser.add_argument("--no-step", action="store_true", help="do not identify gain and time")
+    parser.add_argument("--no-ramp", action="store_true", help="do not identify the stiffness")
+    parser.add_argument("--step-current", type=float, default=0.0, help="A (default: 0.5)")
+    parser.add_argument("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
+    for name in ("geometry", "limbs", "control"):
+        parser.add_argument(f"--{name}-file", default="", help="as the rig runs with")
+    arguments = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    if arguments.no_step and arguments.no_ramp:
+        parser.error("--no-step and --no-ramp leave nothing to do")
+    return arguments
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def main() -> int:
+    """Commission; returns 0, 1 after a failure, 2 for bad arguments, 130 after Ctrl-C."""
+    arguments = _arguments()
+    files = (arguments.geometry_file, arguments.limbs_file, arguments.control_file)
+    try:
+        rig = load_rig(*files)
+    except CabolsError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    cables = rig.geometry.cables
+    limbs = [number - 1 for number in arguments.limb or range(1, cables + 1)]
+    if not set(limbs) <= set(range(cables)):
+        print(f"error: --limb: expected 1 to {cables}, got {arguments.limb}", file=sys.stderr)
+        return 2
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    tool = Tool(rig)
+    results: dict[int, LimbResult] = {}
+    try:
+        code = _commission(tool, rig, limbs, arguments, results)
+    except KeyboardInterrupt:
+        print(f"interrupted: {len(results)} of {len(limbs)} limbs done", file=sys.stderr)
+        code = 130
+    except (CabolsError, TimeoutError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        code = 1
+    finally:
+        tool.close()
+        rclpy.try_shutdown()
+    if results:
+        print(table(rig, results))
+        for path in sorted(arguments.output.iterdir()):
+            print(f"  {path}")
+    return code
+
+
+def _commission(
+    tool: Tool,
+    rig: Rig,
+    limbs: list[int],
+    arguments: argparse.Namespace,
+    results: dict[int, LimbResult],
+) -> int:
+    if not tool.find():
+        print("error: no action commission_limb: is the rig running?", file=sys.stderr)
+        return 1
+    for limb in limbs:
+        tool.say(f"limb {limb + 1} of {rig.geometry.cables}")
+        goal = CommissionLimb.Goal(
+            limb=limb,
+            step=not arguments.no_step,
+            ramp=not arguments.no_ramp,
+            step_current=arguments.step_current,
+            ramp_tension=arguments.ramp_tension,
+        )
+        done, result = tool.run(goal)
+        tool.say(f"limb {limb + 1}: {result.message}")
+        if not done:
+            print(f"error: limb {limb + 1}: {result.message}", file=sys.stderr)
+            return 1
+        results[limb] = result
+        # After each limb, so that an interruption leaves what was done.
+        write_results(arguments.output, rig, results)
+        tool.draw(result, arguments.output)
+        save(draw_overview(rig, results), arguments.output / "overview.png")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,283 @@
+"""Action commission_limb of the limb controller: hands programmes over, takes their records."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Protocol
+
+import numpy as np
+from cabols_msgs.action import CommissionLimb
+from cabols_msgs.srv import SetMode
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.commissioning import (
+    CommissioningConfig,
+    CommissioningError,
+    Programme,
+    RampProgramme,
+    make_ramp,
+    make_step,
+)
+from cabols_control.commissioning_results import evaluate_ramp, evaluate_step
+from cabols_control.errors import CabolsError
+from cabols_control.limb_controller import LimbController
+from cabols_control.modes import OperatingMode
+from cabols_control.rig import Rig
+from cabols_control.ros import topics
+from cabols_control.ros.loop import Input
+from cabols_control.ros.qos import control_qos
+
+POLL_S = 0.05
+ANSWER_S = 5.0
+"""The supervisor answers, and the mode arrives, within this."""
+PRETIGHTENED_S = 30.0
+SETTLED_S = 1.0
+"""Pre-tightening lasts so long at least: the old zeros are gone by then."""
+
+
+class LimbNode(Protocol):
+    """What the server needs of the node that it belongs to."""
+
+    rig: Rig
+    lockstep: bool
+    seen_mode: OperatingMode
+
+    def zeroed(self) -> BoolArray:
+        """(n,) bool of the newest limb state."""
+
+
+class CommissionServer:
+    """Runs one programme at a time; the mode is asked of the supervisor and given back."""
+
+    def __init__(self, node: Any, controller: LimbController) -> None:
+        """Advertise the action.
+
+        Args:
+            node: LimbNode that is an rclpy node.
+            controller: runs the programmes in its cycle.
+        """
+        self._node = node
+        self._controller = controller
+        self._busy = False
+        self._ramp: RampProgramme | None = None
+        self._wrench: Input | None = None
+        self._modes = node.create_client(SetMode, "set_mode")
+        self._server = ActionServer(
+            node,
+            CommissionLimb,
+            "commission_limb",
+            self._execute,
+            # A refusal carries no reason; an aborted goal does.
+            goal_callback=lambda _: GoalResponse.ACCEPT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def close(self) -> None:
+        """End the action."""
+        self._server.destroy()
+
+    def after_step(self) -> None:
+        """Record the wrench of a ramp; called in the control loop after each cycle."""
+        ramp, wrench = self._ramp, self._wrench
+        if ramp is not None and wrench is not None and wrench.take():
+            ramp.take_wrench(1e-9 * wrench.stamp_ns, wrench.record["wrench"])
+
+    async def _execute(self, handle: Any) -> Any:
+        request = handle.request
+        nan = float("nan")
+        result = CommissionLimb.Result(
+            gain=nan, time_constant=nan, fit=nan, stiffness=nan, stiffness_fit=nan
+        )
+        if self._busy:
+            handle.abort()
+            result.message = "another limb is being commissioned: wait for its end"
+            return result
+        self._busy = True
+        told: list[str] = []
+        try:
+            config = self._judge(request)
+            if request.step:
+                told.append(await self._do_step(handle, request.limb, config, result))
+            if request.ramp:
+                told.append(await self._do_ramp(handle, request.limb, config, result))
+            result.success = True
+        except CabolsError as error:
+            told.append(str(error))
+        finally:
+            told += await self._give_back()
+            self._busy = False
+        result.message = "; ".join(told)
+        if result.success:
+            handle.succeed()
+        elif handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+        return result
+
+    def _judge(self, request: Any) -> CommissioningConfig:
+        limbs = self._controller.limbs.tolist()
+        if request.limb not in limbs:
+            raise CommissioningError(f"limb: expected one of {limbs}, got {request.limb}")
+        if not (request.step or request.ramp):
+            raise CommissioningError("expected step or ramp, or both, got neither")
+        if self._node.seen_mode != OperatingMode.STOPPED:
+            raise CommissioningError(
+                f"commissioning starts in STOPPED, the mode is {self._node.seen_mode.name}"
+            )
+        return CommissioningConfig(
+            step_current=request.step_current or CommissioningConfig.step_current,
+            ramp_tension=request.ramp_tension or CommissioningConfig.ramp_tension,
+        )
+
+    async def _do_step(
+        self, handle: Any, limb: int, config: CommissioningConfig, result: Any
+    ) -> str:
+        await self._enter(OperatingMode.COMMISSIONING)
+        programme = make_step(self._node.rig, limb, config)
+        await self._run(handle, programme)
+        # The computation below takes the interpreter's time from the control loop.
+        await self._enter(OperatingMode.STOPPED)
+        found = evaluate_step(programme.record)
+        result.gain, result.time_constant = found.model.gain, found.model.time_constant
+        result.fit = found.model.fit
+        return (
+            f"step: dry friction {found.friction:.4f} A; without it in the model k "
+            f"{found.plain.gain:.4f} m/s/A, T {found.plain.time_constant:.4f} s, "
+            f"fit {100.0 * found.plain.fit:.2f} %"
+        )
+
+    async def _do_ramp(
+        self, handle: Any, limb: int, config: CommissioningConfig, result: Any
+    ) -> str:
+        node = self._node
+        geometry = node.rig.geometry
+        qos = control_qos(node.lockstep)
+        pose = Input(node, "platform_pose", topics.pose_layout(geometry), qos)
+        wrench = Input(node, "wrench", topics.wrench_layout(geometry.platform_frame), qos)
+        try:
+            await self._pretighten(handle)
+            place = _pose_of(pose, node.rig)
+            programme = make_ramp(node.rig, limb, config, *place)
+            await self._enter(OperatingMode.COMMISSIONING)
+            self._ramp, self._wrench = programme, wrench
+            await self._run(handle, programme)
+        finally:
+            self._ramp = self._wrench = None
+            await self._pause(POLL_S)
+            node.destroy_subscription(pose.subscription)
+            node.destroy_subscription(wrench.subscription)
+        await self._enter(OperatingMode.STOPPED)
+        stamps, wrenches = programme.wrench
+        found = evaluate_ramp(
+            programme.record,
+            stamps - programme.record_start_s,
+            wrenches,
+            geometry,
+            limb,
+            *place,
+            node.rig.control.rated,
+        )
+        result.stiffness, result.stiffness_fit = found.line.stiffness, found.fit
+        less = programme.peak < config.ramp_tension
+        return (
+            f"ramp: to {programme.peak:.1f} N"
+            + (" (more is beyond the sensor's range)" if less else "")
+            + f", residual {found.line.linearity_rms:.2f} N, "
+            f"hysteresis {found.line.hysteresis:.2f} N"
+        )
+
+    async def _pretighten(self, handle: Any) -> None:
+        await self._enter(OperatingMode.PRETIGHTENING)
+        began = time.monotonic()
+        while (waited := time.monotonic() - began) < SETTLED_S or not self._node.zeroed().all():
+            self._check(handle)
+            if self._node.seen_mode == OperatingMode.FAULT:
+                raise CommissioningError("the rig went to FAULT during pre-tightening")
+            if waited > PRETIGHTENED_S:
+                left = (np.flatnonzero(~self._node.zeroed()) + 1).tolist()
+                raise CommissioningError(
+                    f"limbs {left} did not reach their switch within {PRETIGHTENED_S:g} s"
+                )
+            handle.publish_feedback(CommissionLimb.Feedback(phase="pre-tightening"))
+            await self._pause(POLL_S)
+
+    async def _run(self, handle: Any, programme: Programme) -> None:
+        """Hand a programme over and wait for its end."""
+        self._controller.excitation = programme
+        began = time.monotonic()
+        try:
+            while not programme.done:
+                self._check(handle)
+                if not programme.started and time.monotonic() - began > ANSWER_S:
+                    raise CommissioningError(
+                        f"{programme.kind}: the mode is {self._node.seen_mode.name}, "
+                        "COMMISSIONING did not arrive"
+                    )
+                feedback = CommissionLimb.Feedback(
+                    phase=programme.phase, progress=float(programme.progress)
+                )
+                handle.publish_feedback(feedback)
+                await self._pause(POLL_S)
+        finally:
+            programme.abort("given up")
+        if programme.fault:
+            raise CommissioningError(programme.fault)
+
+    def _check(self, handle: Any) -> None:
+        if handle.is_cancel_requested:
+            raise CommissioningError("cancelled")
+
+    async def _enter(self, mode: OperatingMode) -> None:
+        """Ask the supervisor for a mode.
+
+        Raises:
+            CommissioningError: with its reason, or if it does not answer.
+        """
+        if not self._modes.service_is_ready():
+            raise CommissioningError("no service set_mode: is the supervisor running?")
+        future = self._modes.call_async(SetMode.Request(mode=int(mode)))
+        began = time.monotonic()
+        while not future.done():
+            if time.monotonic() - began > ANSWER_S:
+                raise CommissioningError(f"set_mode: no answer within {ANSWER_S:g} s")
+            await self._pause(0.2 * POLL_S)
+        answer = future.result()
+        if answer is None or not answer.success:
+            reason = "no answer" if answer is None else answer.message
+            raise CommissioningError(f"the supervisor refuses {mode.name}: {reason}")
+
+    async def _give_back(self) -> list[str]:
+        """Leave the rig STOPPED; return what went wrong with that, unless it is in FAULT."""
+        mode = self._node.seen_mode
+        if mode in (OperatingMode.STOPPED, OperatingMode.FAULT):
+            return []
+        if mode not in (OperatingMode.COMMISSIONING, OperatingMode.PRETIGHTENING):
+            # Somebody else has taken over.
+            return []
+        try:
+            await self._enter(OperatingMode.STOPPED)
+        except CommissioningError as error:
+            return [str(error)]
+        return []
+
+    async def _pause(self, seconds: float) -> None:
+        """Give the executor back for a while."""
+        future: Future = Future()
+        timer = self._node.create_timer(seconds, lambda: future.set_result(None))
+        await future
+        self._node.destroy_timer(timer)
+
+
+def _pose_of(pose: Input, rig: Rig) -> tuple[FloatArray, FloatArray]:
+    """Newest platform pose; the reference pose if none arrives."""
+    if pose.take():
+        values = np.array(pose.record["pose"], dtype=np.float64)
+        if np.isfinite(values).all() and abs(float(np.linalg.norm(values[3:])) - 1.0) < 1e-3:
+            return values[:3], Rotation.from_quat(values[3:]).as_matrix()
+    return rig.geometry.reference_position, rig.geometry.reference_rotation

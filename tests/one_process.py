@@ -1,0 +1,123 @@
+"""Bridge, simulated card and limb controller in one process and in lockstep, without ROS."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.modes import OperatingMode
+from cabols_hw.bridge import Bridge
+from cabols_sim.card import SimulatedQ8
+from cabols_sim.plant import Plant
+
+PERIOD_S = 0.001
+
+
+def quintic(share):
+    """Way of a motion that starts and ends with neither speed nor acceleration; 0 to 1."""
+    s = np.clip(share, 0.0, 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+
+
+class MovingTarget:
+    """Carries the platform along quintic moves from the reference pose, whatever pulls at it."""
+
+    def __init__(self, geometry):
+        self._start = np.array(geometry.reference_position)
+        self._from = self._to = np.zeros(6)
+        self._rotation = np.array(geometry.reference_rotation)
+        self.position = self._start.copy()
+        self.rotation = self._rotation.copy()
+        self.offset = np.zeros(6)
+        self._time = self._began = 0.0
+        self._duration = 1.0
+
+    def move(self, to, duration):
+        """Begin a move to an offset (6,): [m], rotation vector [rad]."""
+        self._from, self._to = self.offset.copy(), np.asarray(to, dtype=float)
+        self._began, self._duration = self._time, duration
+
+    def step(self, wrench, dt_s):
+        del wrench
+        self._time += dt_s
+        way = quintic((self._time - self._began) / self._duration)
+        offset = self._from + way * (self._to - self._from)
+        changed = not np.array_equal(offset, self.offset)
+        self.offset = offset
+        self.position[:] = self._start + offset[:3]
+        self.rotation[:] = Rotation.from_rotvec(offset[3:]).as_matrix() @ self._rotation
+        return changed
+
+
+class OneProcess:
+    """The rig's control path; the pose reaches the bridge every 4 ms, 4 to 8 ms old, as by EGM."""
+
+    def __init__(self, rig, card, plant_config, seed=0, target=None):
+        n = rig.geometry.cables
+        self.rig = rig
+        self.target = target
+        self.plant = Plant(rig, card, plant_config, seed, target)
+        self.card = SimulatedQ8(self.plant, card, n, lockstep=True)
+        self.card.start(0.010)
+        self.bridge = Bridge(rig, card)
+        self.controller = LimbController(rig)
+        self.mode = OperatingMode.STOPPED
+        self.setpoint: TensionSetpoint | None = None
+        self.tension = np.zeros((0, n))
+        self.wrench = np.zeros((0, 6))
+        self._poses: deque = deque()
+        self._random = np.random.default_rng(seed)
+        self._tick = 0
+
+    def run(self, duration_s, until: Callable[[], bool] = lambda: False):
+        """Run for a time, or until a condition; keep the true tensions and measured wrenches."""
+        tension, wrench = [], []
+        for _ in range(round(duration_s / PERIOD_S)):
+            self.cycle()
+            tension.append(self.plant.tension.copy())
+            wrench.append(self.bridge.wrench.copy())
+            if until():
+                break
+        self.tension, self.wrench = np.array(tension), np.array(wrench)
+        return self.tension
+
+    def cycle(self):
+        sample = self.card.read()
+        self._tick += 1
+        self._tell_pose()
+        bridge = self.bridge
+        bridge.take(sample, self.mode)
+        if self.setpoint is not None:
+            self.setpoint = TensionSetpoint(
+                1e-9 * sample.time_ns, self.setpoint.tension, self.setpoint.active
+            )
+        state = LimbSample(
+            1e-9 * sample.time_ns,
+            bridge.wound_length,
+            bridge.elongation,
+            bridge.tension,
+            bridge.switch_closed,
+            bridge.zeroed,
+        )
+        current = self.controller.step(state, self.mode, self.setpoint)
+        self.card.write(bridge.volts(current))
+
+    def _tell_pose(self):
+        if self.target is None:
+            return
+        if self._tick % 4 == 0:
+            due = self._tick + int(self._random.integers(4, 9))
+            self._poses.append((due, self.target.position.copy(), self.target.rotation.copy()))
+        while self._poses and self._poses[0][0] <= self._tick:
+            self.bridge.set_pose(*self._poses.popleft()[1:])
+
+    def pretighten(self):
+        """Zero all limbs and let them settle at the holding tension."""
+        self.mode = OperatingMode.PRETIGHTENING
+        self.run(15.0, lambda: bool(self.bridge.zeroed.all()))
+        assert self.bridge.zeroed.all()
+        self.run(0.5)
