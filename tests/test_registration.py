@@ -83,7 +83,7 @@ def test_anisotropic_noise_gives_the_weighted_fit_of_scipy(random):
 
 
 def test_covariance_of_the_pose_agrees_with_monte_carlo(random):
-    draws = 2000
+    draws = 3000
     points = POSITION + REFLECTORS @ ROTATION.T
     weights = covariances(points)
     errors, squares, residuals, predicted = [], [], [], []
@@ -208,7 +208,7 @@ def test_frame_from_one_fixed_reflector_without_knowing_where_it_is(random):
 
 @pytest.mark.parametrize("solve", [False, True])
 def test_covariance_of_the_frame_agrees_with_monte_carlo(random, solve):
-    draws = 200
+    draws = 300
     positions, turns = robot_poses(random)
     count, unknowns = 3, 15 if solve else 6
     squares, residuals = [], []
@@ -233,7 +233,8 @@ def test_covariance_of_the_frame_agrees_with_monte_carlo(random, solve):
         if solve:
             off = (REFLECTORS - frame.reflectors).ravel()
             assert off @ np.linalg.solve(frame.reflector_covariance, off) < chi2.isf(1e-7, 9)
-    low, high = band(6, draws)
+    # Few draws, several statistics: the 95 % band is for the benchmark, which draws more.
+    low, high = band(6, draws, 0.999)
     assert low <= np.mean(squares) <= high
     low, high = band(3 * count * len(positions) - unknowns, draws, 0.999)
     assert low <= np.mean(residuals) <= high

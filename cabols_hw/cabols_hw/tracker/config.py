@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import field
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +13,7 @@ from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
-from cabols_control.configuration import STRICT
+from cabols_control.configuration import STRICT, load_config, packaged
 from cabols_control.errors import ConfigError, OutOfRangeError
 from cabols_hw.rigid_fit import RegistrationError, require_spread
 from cabols_hw.tracker.beam import BeamNoise
@@ -117,3 +118,12 @@ class TrackerConfig:
         if reflector not in range(len(self.reflectors)):
             raise OutOfRangeError("reflector", reflector, 0, len(self.reflectors) - 1)
         return np.asarray(self.reflector_points[reflector])
+
+
+def load_tracker_config(path: str | Path | None = None) -> TrackerConfig:
+    """Read a tracker's configuration; None for the reference bench's.
+
+    Raises:
+        ConfigError: if the file cannot be used; the message names file, key and reason.
+    """
+    return load_config(TrackerConfig, path or packaged("cabols_hw", "bench_tracker.yaml"))
