@@ -21,6 +21,7 @@ from cabols_control.graph import NodeSpec
 
 PR_SET_PDEATHSIG = 1
 GRACE_S = 3.0
+RESPAWN_S = 0.2
 _LIBC = ctypes.CDLL(None)
 
 
@@ -72,6 +73,7 @@ def run(
     log_folder: Path | None = None,
     on_start: Callable[[dict[str, int]], None] | None = None,
     keep_going: bool = False,
+    respawn: bool = False,
 ) -> Ended:
     """Run nodes until the first ends or the user interrupts, then end all.
 
@@ -80,14 +82,16 @@ def run(
         environment: variables to add.
         on_line: called with (node, line) for every line of output; default prints them.
         log_folder: keep each node's output there, as <node>.log.
-        on_start: called with the process ids once all have started.
+        on_start: called with the process ids once all have started; with respawn the same dict is
+            kept up to date.
         keep_going: run on when a node ends, until the user interrupts.
+        respawn: start a node again when it ends; implies keep_going.
 
     Returns:
         How it ended.
     """
     output = (on_line or _print_line, log_folder)
-    return asyncio.run(_run(nodes, environment or {}, *output, on_start, keep_going))
+    return asyncio.run(_run(nodes, environment or {}, *output, on_start, keep_going, respawn))
 
 
 def _print_line(name: str, line: str) -> None:
@@ -107,9 +111,12 @@ async def _run(
     log_folder: Path | None,
     on_start: Callable[[dict[str, int]], None] | None,
     keep_going: bool,
+    respawn: bool,
 ) -> Ended:
     if log_folder is not None:
         log_folder.mkdir(parents=True, exist_ok=True)
+        for spec in nodes:
+            (log_folder / f"{spec.executable}.log").unlink(missing_ok=True)
     commands = [(spec.executable, command_line(spec)) for spec in nodes]
     interrupted = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -117,26 +124,42 @@ async def _run(
         loop.add_signal_handler(number, interrupted.set)
     processes: dict[str, asyncio.subprocess.Process] = {}
     pumps = []
+    keepers: list[asyncio.Task[None]] = []
+    pids: dict[str, int] = {}
     first, code = "", 0
+
+    async def start(name: str, command: list[str]) -> None:
+        process = await asyncio.create_subprocess_exec(
+            *command,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            stdin=asyncio.subprocess.DEVNULL,
+            env={**os.environ, **environment},
+            preexec_fn=_die_with_parent,
+        )
+        processes[name], pids[name] = process, process.pid
+        pumps.append(asyncio.create_task(_pump(name, process, on_line, log_folder)))
+
+    async def keep(name: str, command: list[str]) -> None:
+        while True:
+            await processes[name].wait()
+            await asyncio.sleep(RESPAWN_S)
+            await start(name, command)
+
     try:
         for name, command in commands:
-            process = await asyncio.create_subprocess_exec(
-                *command,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.STDOUT,
-                stdin=asyncio.subprocess.DEVNULL,
-                env={**os.environ, **environment},
-                preexec_fn=_die_with_parent,
-            )
-            processes[name] = process
-            pumps.append(asyncio.create_task(_pump(name, process, on_line, log_folder)))
+            await start(name, command)
+        if respawn:
+            keepers = [asyncio.create_task(keep(*item)) for item in commands]
         if on_start is not None:
-            on_start({name: process.pid for name, process in processes.items()})
-        if keep_going:
+            on_start(pids)
+        if keep_going or respawn:
             await interrupted.wait()
         else:
             first, code = await _first_end(processes, interrupted)
     finally:
+        for keeper in keepers:
+            keeper.cancel()
         for name in reversed(processes):
             await _end(processes[name])
         await asyncio.gather(*pumps)

@@ -46,6 +46,7 @@ def run_bench(
     environment: dict[str, str] | None = None,
     on_start: Callable[[dict[str, int]], None] | None = None,
     keep_going: bool = False,
+    respawn: bool = False,
 ) -> Ended:
     """Run the bench until one node ends, or Ctrl-C.
 
@@ -56,6 +57,7 @@ def run_bench(
         environment: default isolated_environment().
         on_start: called with the process ids by node.
         keep_going: run on when a node ends.
+        respawn: start a node again when it ends.
 
     Returns:
         How it ended.
@@ -63,4 +65,4 @@ def run_bench(
     graph = bench_graph(values.get("lockstep", False), values.get("record", True))
     nodes = with_arguments(graph, values)
     where = environment or isolated_environment()
-    return run(nodes, where, on_line, log_folder, on_start, keep_going)
+    return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn)

@@ -24,7 +24,8 @@ from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.ros.ticker import Ticker
 
 FEEDBACK_S = 0.2
-STOP_S = 1.0
+STOP_S = 8.0
+"""So long the rig may take from the programme's end to STOPPED."""
 
 
 class LoadProgramNode(ControlNode):
@@ -129,12 +130,16 @@ class LoadProgramNode(ControlNode):
         elif self.done and self._asked_s is None:
             self._asked_s = time.monotonic()
             self._stopper.call_async(SetMode.Request(mode=int(OperatingMode.STOPPED)))
-        elif self.done and (not self._loading() or time.monotonic() - self._asked_s > STOP_S):
+        elif self.done and (self._stopped() or time.monotonic() - self._asked_s > STOP_S):
             self.context.try_shutdown()
 
     def _loading(self) -> bool:
         record = self._mode.record
         return record is not None and int(record["mode"]) == OperatingMode.LOADING
+
+    def _stopped(self) -> bool:
+        record = self._mode.record
+        return record is not None and int(record["mode"]) == OperatingMode.STOPPED
 
     def _in_fault(self) -> bool:
         """Whether the rig has stopped, so that the programme cannot be done any more."""

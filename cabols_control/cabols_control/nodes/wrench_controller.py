@@ -12,6 +12,7 @@ from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
+from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_controller import DesiredWrench, WrenchController
@@ -33,6 +34,10 @@ class WrenchControllerNode(ControlNode):
         self._wanted = Input(self, "desired_wrench", topics.wrench_layout(geometry.base_frame), qos)
         pose = topics.pose_layout(geometry)
         self._pose = Input(self, "platform_pose", pose, qos, every=2)
+        # A robot reports at its own rate, so that even in lockstep its newest pose is used.
+        self._pose.awaited = not declare(
+            self, "robot", False, "poses come from a robot's bridge, not with every sample"
+        )
         mode_qos = latched_qos(self.lockstep)
         self._mode = Input(self, "mode", topics.mode_layout(""), mode_qos, every=SLOW_INPUT)
         layout = topics.tension_command_layout(geometry)
@@ -44,6 +49,8 @@ class WrenchControllerNode(ControlNode):
         self._measured = np.zeros(6)
         self._desired: DesiredWrench | None = None
         self._desired_count = 0
+        self._pose_count = 0
+        self._pose_seen_ns = 0
         self._frames = ("", geometry.base_frame)
         self._refused = ""
         self._pose_bytes = b""
@@ -104,7 +111,7 @@ class WrenchControllerNode(ControlNode):
         if self._mode.record is None:
             return OperatingMode.STOPPED
         mode = OperatingMode(int(self._mode.record["mode"]))
-        age = 1e-9 * (self._wrench.stamp_ns - self._pose.stamp_ns)
+        age = 1e-9 * (self._wrench.stamp_ns - self._pose_seen_ns)
         if mode == OperatingMode.LOADING and self._pose.count and not age <= POSE_TIMEOUT_S:
             self._controller.trip(f"platform_pose is {age:.1f} s old")
         return mode
@@ -112,8 +119,10 @@ class WrenchControllerNode(ControlNode):
     def _take_pose(self) -> None:
         """Decompose the structure matrix again only if the pose has changed."""
         record = self._pose.record
-        if record is None:
+        if record is None or self._pose.count == self._pose_count:
             return
+        # Ages count from arrival, on the samples' clock: a robot's own clock is another one.
+        self._pose_count, self._pose_seen_ns = self._pose.count, self._wrench.stamp_ns
         content = record["pose"].tobytes()
         if content == self._pose_bytes:
             return
@@ -143,7 +152,8 @@ class WrenchControllerNode(ControlNode):
             self._refused = f"desired_wrench: expected finite numbers, got {values.tolist()}"
         else:
             self._refused = ""
-            self._desired = DesiredWrench(1e-9 * self._wanted.stamp_ns, values)
+            # Its age, too, counts from arrival: a programme may run on another machine.
+            self._desired = DesiredWrench(1e-9 * self._wrench.stamp_ns, values)
 
     def _frame(self) -> str:
         if self._wanted.exact:

@@ -1,0 +1,129 @@
+"""What one trial showed: found, when, safe, when, and the peaks; pure."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+
+TOLERANCE_N = 5.0
+"""After the reaction no tension may exceed the highest at detection by more than this."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """One message of loop_status or mode: stamp on the rig's clock [s], who, what."""
+
+    stamp_s: float
+    node: str
+    reason: str
+    fault: bool
+
+
+@dataclass(frozen=True, eq=False)
+class TrialData:
+    """What was recorded from the fault on.
+
+    Attributes:
+        fault_s: when the fault began, on the rig's clock [s].
+        time: (k,) [s].
+        tension: (k, n) true tensions [N].
+        current: (k, n) true motor currents [A].
+        wrench: (k, 6) true wrench, base axes [N, N m].
+        reports: what nodes said since.
+    """
+
+    fault_s: float
+    time: FloatArray
+    tension: FloatArray
+    current: FloatArray
+    wrench: FloatArray
+    reports: tuple[Report, ...]
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """Outcome of one trial; times in seconds of the rig.
+
+    Attributes:
+        kind: name of the kind.
+        seed: of its draw.
+        detected: whether any node said so.
+        detection: the first report, "node: reason".
+        detection_time_s: from the fault to the first report.
+        safe_time_s: from detection until the rig is safe for good; see judge.
+        peak_tension_n: from the fault on.
+        peak_force_n: of the wrench.
+        peak_torque_nm: of the wrench.
+    """
+
+    kind: str
+    seed: int
+    detected: bool
+    detection: str
+    detection_time_s: float
+    safe_time_s: float
+    peak_tension_n: float
+    peak_force_n: float
+    peak_torque_nm: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON; what never happened is None."""
+        return {
+            key: None if isinstance(value, float) and not np.isfinite(value) else value
+            for key, value in asdict(self).items()
+        }
+
+
+def judge(kind: str, seed: int, data: TrialData) -> TrialResult:
+    """Evaluate a trial.
+
+    Safe is the rig from the instant at which its reaction is in force (all motor currents zero, or
+    the bridge unloading by itself, which its fault report tells) and after which no tension exceeds
+    the highest at detection by more than TOLERANCE_N. A report without a fault, as of a desired
+    wrench that has stopped coming, has its reaction in force at once: the load is ramped down.
+    """
+    first = min(data.reports, key=lambda report: report.stamp_s, default=None)
+    force = float(np.linalg.norm(data.wrench[:, :3], axis=1).max(initial=0.0))
+    torque = float(np.linalg.norm(data.wrench[:, 3:], axis=1).max(initial=0.0))
+    tension = data.tension.max(axis=1, initial=0.0)
+    peak = float(tension.max(initial=0.0))
+    if first is None:
+        nothing = (False, "", np.inf, np.inf)
+        return TrialResult(kind, seed, *nothing, peak, force, torque)
+    # Reports carry the stamp of the sample that they are about.
+    detected_s = max(first.stamp_s, data.fault_s)
+    return TrialResult(
+        kind,
+        seed,
+        True,
+        f"{first.node}: {first.reason}",
+        detected_s - data.fault_s,
+        _safe_s(data, detected_s, first) - detected_s,
+        peak,
+        force,
+        torque,
+    )
+
+
+def _safe_s(data: TrialData, detected_s: float, first: Report) -> float:
+    after = data.time >= detected_s - 1e-9
+    time, tension = data.time[after], data.tension[after].max(axis=1, initial=0.0)
+    if time.size == 0:
+        # The physics ended with the process: nothing moved any more.
+        return detected_s
+    high = time[tension > tension[0] + TOLERANCE_N]
+    settled_s = float(high[-1]) if high.size else detected_s
+    if not first.fault:
+        return settled_s
+    resting = time[(np.abs(data.current[after]) < 1e-9).all(axis=1)]
+    guarded = [
+        report.stamp_s
+        for report in data.reports
+        if report.node == "plant" and report.fault and report.stamp_s >= detected_s - 1e-9
+    ]
+    reactions = [*guarded[:1], *resting[:1].tolist()]
+    return max(settled_s, min(reactions, default=np.inf))
