@@ -163,7 +163,8 @@ found["status"] = [status.ready, status.beam_locked, status.warming_up, status.r
 again = pb.Target(direction=pb.Vector3(x=p.x, y=p.y, z=p.z))
 found["direction"] = tracker.Aim(pb.AimRequest(target=again), timeout=20).success
 away = pb.Target(direction=pb.Vector3(x=-p.x, y=-p.y, z=p.z))
-found["away"] = tracker.Search(pb.SearchRequest(target=away, search_radius_m=.03), timeout=20).reason
+nowhere = pb.SearchRequest(target=away, search_radius_m=0.03)
+found["away"] = tracker.Search(nowhere, timeout=20).reason
 found["errors"] = []
 nan = pb.Target(position_m=pb.Vector3(x=float("nan")))
 for call, request in (
@@ -323,7 +324,7 @@ def test_arguments_are_checked(client, serve, config):
 def test_rig_that_stands_still_ends_the_measurement(client, rig, config):
     assert client.aim(0).success
     rig.step_s = 0.0
-    hasty = replace(config, aim_timeout=0.5, measure_timeout=0.4)
+    hasty = replace(config, aim_timeout=2.0)
     with TrackerClient(client.address, hasty, lambda i: config.expected(i, *rig.pose)) as impatient:
         reading = impatient.measure(0, 0.1)
     assert not reading.success
@@ -333,7 +334,7 @@ def test_rig_that_stands_still_ends_the_measurement(client, rig, config):
 def test_rig_that_does_not_run(serve, config):
     off = Rig()
     off.runs = False
-    hasty = replace(config, aim_timeout=0.5)
+    hasty = replace(config, aim_timeout=2.0)
     with TrackerClient(serve(source=off), hasty, lambda i: config.expected(i, *off.pose)) as asks:
         assert not asks.status().ready
         reading = asks.measure(0, 0.1)
