@@ -163,7 +163,8 @@ found["status"] = [status.ready, status.beam_locked, status.warming_up, status.r
 again = pb.Target(direction=pb.Vector3(x=p.x, y=p.y, z=p.z))
 found["direction"] = tracker.Aim(pb.AimRequest(target=again), timeout=20).success
 away = pb.Target(direction=pb.Vector3(x=-p.x, y=-p.y, z=p.z))
-found["away"] = tracker.Search(pb.SearchRequest(target=away, search_radius_m=.03), timeout=20).reason
+nowhere = pb.SearchRequest(target=away, search_radius_m=0.03)
+found["away"] = tracker.Search(nowhere, timeout=20).reason
 found["errors"] = []
 nan = pb.Target(position_m=pb.Vector3(x=float("nan")))
 for call, request in (
@@ -243,17 +244,19 @@ def test_three_reflectors_through_the_socket_give_the_pose(client, config, truth
     assert readings[1].time_ns > readings[0].time_ns
 
 
-def test_beam_blocked_during_a_measurement_and_regained(client, rig):
-    assert client.measure(0, 0.1).success
-    rig.block_after = 30
-    reading = client.measure(0, 60.0)
+def test_beam_blocked_during_a_measurement_and_regained(client, truth, rig):
+    # Aimed at where it truly is, no search is needed: the block falls into the averaging time.
+    expected = in_tracker(truth, rig, 0)
+    assert client.measure(0, 0.1, expected=expected).success
+    rig.block_after = 400
+    reading = client.measure(0, 60.0, expected=expected)
     assert not reading.success
-    assert "blocked" in reading.reason
+    assert reading.reason.startswith("beam broken: the beam is blocked")
     assert np.isnan(reading.position).all()
     assert np.isnan(reading.covariance).all()
     status = client.status()
     assert not status.beam_locked
-    assert status.beam_lost in (tracker_pb2.REASON_BEAM_BROKEN, tracker_pb2.REASON_NOT_FOUND)
+    assert status.beam_lost == tracker_pb2.REASON_BEAM_BROKEN
     blocked = client.measure(0, 0.1)
     assert not blocked.success
     assert "blocked" in blocked.reason
@@ -285,14 +288,8 @@ def test_slow_motion_of_the_reflector_is_followed(serve, config, truth, rig):
     rig.step_s = 0.001
     with TrackerClient(serve(replace(truth, drift=STILL)), config) as client:
         assert client.aim(0, expected=expected).success
-        reply = client._stub.Measure(tracker_pb2.MeasureRequest(averaging_time_s=0.01), timeout=20)
         rig.velocity = np.array([0.01, 0.0, 0.0])
-        for _ in range(20):
-            reply = client._stub.Measure(
-                tracker_pb2.MeasureRequest(averaging_time_s=0.1), timeout=20
-            )
-            if not reply.success or reply.rms_m > 100e-6:
-                break
+        reply = client._stub.Measure(tracker_pb2.MeasureRequest(averaging_time_s=0.1), timeout=20)
     # 1 mm in the averaging time: rms of a ramp is its length over sqrt(12).
     assert reply.success
     assert reply.rms_m == pytest.approx(1e-3 / np.sqrt(12.0), rel=0.1)
@@ -323,7 +320,7 @@ def test_arguments_are_checked(client, serve, config):
 def test_rig_that_stands_still_ends_the_measurement(client, rig, config):
     assert client.aim(0).success
     rig.step_s = 0.0
-    hasty = replace(config, aim_timeout=0.5, measure_timeout=0.4)
+    hasty = replace(config, aim_timeout=2.0)
     with TrackerClient(client.address, hasty, lambda i: config.expected(i, *rig.pose)) as impatient:
         reading = impatient.measure(0, 0.1)
     assert not reading.success
@@ -333,7 +330,7 @@ def test_rig_that_stands_still_ends_the_measurement(client, rig, config):
 def test_rig_that_does_not_run(serve, config):
     off = Rig()
     off.runs = False
-    hasty = replace(config, aim_timeout=0.5)
+    hasty = replace(config, aim_timeout=2.0)
     with TrackerClient(serve(source=off), hasty, lambda i: config.expected(i, *off.pose)) as asks:
         assert not asks.status().ready
         reading = asks.measure(0, 0.1)
@@ -361,6 +358,7 @@ def test_second_client_is_told_that_the_tracker_is_busy(client, config, rig):
     for _ in range(500):
         if client.status().busy:
             break
+        patient.join(0.01)
     with TrackerClient(client.address, config, lambda i: config.expected(i, *rig.pose)) as second:
         refused = second.measure(1, 0.1)
     rig.step_s = 0.01
@@ -429,7 +427,7 @@ def show(model, rig, **changes):
 def test_noise_agrees_with_the_covariance_that_is_reported(model, truth, rig):
     point = in_tracker(truth, rig, 0)
     assert model.aim(point, 0.001) is Loss.NONE
-    draws, samples = 3000, 5
+    draws, samples = 1500, 5
     errors, squares = [], []
     for _ in range(draws):
         average = model.average([0, 5_000_000], [point, point], 1000.0)
@@ -441,7 +439,7 @@ def test_noise_agrees_with_the_covariance_that_is_reported(model, truth, rig):
     along = np.array(errors) @ beam_axes(point)
     floor = truth.averaging_floor**2
     expected = np.sqrt(floor + (1.0 - floor) / samples) * np.array([5.42e-6, 15.8e-6, 15.8e-6])
-    np.testing.assert_allclose(along.std(axis=0), expected, rtol=0.06)
+    np.testing.assert_allclose(along.std(axis=0), expected, rtol=0.08)
 
 
 def test_averaging_lowers_the_noise_to_its_floor_only(model, truth, rig):

@@ -27,7 +27,7 @@ from cabols_sim.tracker.config import TrackerTruthConfig
 from cabols_sim.tracker.model import Loss, TrackerModel
 from cabols_sim.tracker.watch import Truth, Watch
 
-_ANSWER_MARGIN_S = 0.2
+_ANSWER_MARGIN_S = 0.5
 """Kept of the caller's deadline, so that it gets the reason and not just DEADLINE_EXCEEDED."""
 
 
@@ -191,7 +191,7 @@ class _Service(LaserTrackerServicer):  # type: ignore[misc]
         left = context.time_remaining()
         limit = self._config.wall_limit
         if left is not None:
-            limit = min(limit, left - min(_ANSWER_MARGIN_S, 0.2 * left))
+            limit = min(limit, left - min(_ANSWER_MARGIN_S, 0.25 * left))
         until = time.monotonic() + limit
         if not self._one_call.acquire(blocking=False):
             raise _RefusedError("REASON_BUSY", "another call is under way; wait for its end")
