@@ -51,7 +51,8 @@ def modelled_step(
     """
     speed = np.gradient(wound, time)
     direction = np.where(np.abs(speed) > MOVING_M_PER_S, np.sign(speed), 0.0)
-    return wound[0] + step_response(model, time, current - friction * direction)
+    response = step_response(model, time, current - friction * direction)
+    return np.asarray(wound[0] + response, dtype=np.float64)
 
 
 def draw_limb(
@@ -103,19 +104,20 @@ def draw_overview(rig: Rig, results: Mapping[int, LimbResult]) -> Figure:
     """Identified beside configured values of all limbs."""
     figure = Figure(figsize=(11.0, 3.8), layout="constrained")
     panels = figure.subplots(1, 3)
-    limbs = np.arange(len(rig.limbs.gain))
+    limbs = range(len(rig.limbs.gain))
+    number = np.arange(1, len(limbs) + 1)
     configured = (
         rig.limbs.gain,
         rig.limbs.time_constant,
-        [rig.limbs.stiffness] * limbs.size,
+        [rig.limbs.stiffness] * len(limbs),
     )
     names = ("gain", "time_constant", "stiffness")
     labels = ("k [m/s/A]", "T [s]", "$k_e$ [N/m]")
     for axes, name, label, before in zip(panels, names, labels, configured, strict=True):
         found = [getattr(results[i], name) if i in results else np.nan for i in limbs]
-        axes.bar(limbs + 0.8, before, 0.4, color=CONFIGURED, label="configured")
-        axes.bar(limbs + 1.2, found, 0.4, color=MEASURED, label="identified")
-        axes.set_xticks(limbs + 1)
+        axes.bar(number - 0.2, before, 0.4, color=CONFIGURED, label="configured")
+        axes.bar(number + 0.2, found, 0.4, color=MEASURED, label="identified")
+        axes.set_xticks(number)
         _tidy(axes, "limb", label)
     panels[0].legend(fontsize=9)
     return figure

@@ -104,7 +104,8 @@ class LimbController:
         Args:
             rig: configuration.
             limbs: indices of the limbs to drive; None for all.
-            command_timeout: replaces the configuration's [s].
+            command_timeout: replaces the configuration's [s]; a longer gap between states also
+                ends a commissioning programme.
         """
         chosen = list(range(rig.geometry.cables)) if limbs is None else limbs
         n = len(chosen)
@@ -203,7 +204,7 @@ class LimbController:
             excitation.abort(self.fault)
         elif excitation.started and mode != OperatingMode.COMMISSIONING:
             excitation.abort(f"the mode became {mode.name}")
-        elif excitation.started and not dt_s <= LONGEST_STEP_S:
+        elif excitation.started and not dt_s <= self._timeout:
             excitation.abort(f"no limb state for {1e3 * dt_s:.0f} ms")
 
     def _rest(self) -> FloatArray:

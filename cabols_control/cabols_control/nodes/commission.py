@@ -32,8 +32,8 @@ from cabols_control.ros import topics
 from cabols_control.ros.limb_trace import LimbTrace
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
-FOUND_S = 60.0
-"""The action must be there within this."""
+FOUND_S = 180.0
+"""The action must be there within this; a first start compiles for a minute or two."""
 LIMB_S = 180.0
 """One limb may take so long."""
 START_S = 20.0

@@ -31,7 +31,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
 from cabols_control.ros.qos import control_qos
 
-POLL_S = 0.05
+POLL_S = 0.1
 ANSWER_S = 5.0
 """The supervisor answers, and the mode arrives, within this."""
 PRETIGHTENED_S = 30.0
@@ -246,7 +246,7 @@ class CommissionServer:
         while not future.done():
             if time.monotonic() - began > ANSWER_S:
                 raise CommissioningError(f"set_mode: no answer within {ANSWER_S:g} s")
-            await self._pause(0.2 * POLL_S)
+            await self._pause(0.5 * POLL_S)
         answer = future.result()
         if answer is None or not answer.success:
             reason = "no answer" if answer is None else answer.message
