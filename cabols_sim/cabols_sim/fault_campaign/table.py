@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,11 @@ SAFE_WITHIN_S = 0.05
 
 def read_trials(path: Path) -> list[dict[str, Any]]:
     """Read the trials done so far, one JSON object a line; a torn last line is left out."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
     found = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else []:
-        try:
+    for line in lines:
+        with suppress(json.JSONDecodeError):
             found.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
     return found
 
 
@@ -44,7 +44,7 @@ def summarise(trials: Sequence[dict[str, Any]], order: Sequence[str]) -> dict[st
 
 def holds(summary: dict[str, Any]) -> bool:
     """Whether nothing was undetected, slow or beyond the peak tension."""
-    return (
+    return bool(
         summary["trials"] > 0
         and summary["undetected"] == 0
         and summary["slow_to_safe"] == 0
