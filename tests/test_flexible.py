@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -65,7 +67,7 @@ def test_slow_loading_stores_what_the_wrench_does(cubic):
     robot = RobotTarget(RobotConfig(STIFFNESS, cubic=[cubic] * 6))
     # Each position weighed with the trapezium of its wrenches: an error of second order.
     work, levels = 0.0, np.linspace(0.0, 1.0, 201)
-    for before, after in zip(levels[:-1], levels[1:], strict=True):
+    for before, after in itertools.pairwise(levels):
         deflection, joints = robot.deflection, robot.joints.copy()
         settle(robot, after * WRENCH, 60)
         _, _, jacobian = robot.arm.solve(0.5 * (joints + robot.joints))

@@ -46,6 +46,8 @@ MODULE cabols
         ! A demand from before a stop must not move the robot: the rig asks anew.
         cabols_go := FALSE;
         cabols_setup;
+        ! The rig sets -1 before it starts the program, and waits for this.
+        cabols_error := 0;
         WHILE TRUE DO
             WaitUntil cabols_go;
             cabols_go := FALSE;

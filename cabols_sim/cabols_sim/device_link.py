@@ -110,15 +110,15 @@ class PlantLink:
 
     def receive(self) -> list[Any]:
         """Return the commands that have arrived, oldest first, each once."""
-        found = []
+        found: list[Any] = []
         while True:
             try:
                 raw, address = self._socket.recvfrom(4096)
-            except BlockingIOError:
-                return found
-            except OSError:
-                # Loopback reports a reader that has gone as an error of the next call.
+            except ConnectionError:
+                # A reader that has gone may be reported by the next call.
                 continue
+            except OSError:
+                return found
             if len(raw) != ROBOT_COMMAND.itemsize:
                 continue
             if address not in self._clients and len(self._clients) >= CLIENTS:

@@ -1,4 +1,4 @@
-"""The robot's stored configurations and its tool: shared by client, RAPID program and simulation."""
+"""The robot's stored configurations and its tool, shared by client, controller, simulation."""
 
 from __future__ import annotations
 
