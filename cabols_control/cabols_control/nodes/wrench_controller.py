@@ -12,6 +12,7 @@ from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
+from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_controller import DesiredWrench, WrenchController
@@ -33,6 +34,9 @@ class WrenchControllerNode(ControlNode):
         self._wanted = Input(self, "desired_wrench", topics.wrench_layout(geometry.base_frame), qos)
         pose = topics.pose_layout(geometry)
         self._pose = Input(self, "platform_pose", pose, qos, every=2)
+        self._pose.awaited = not declare(
+            self, "robot", False, "lockstep: do not wait for platform_pose, a device's own"
+        )
         mode_qos = latched_qos(self.lockstep)
         self._mode = Input(self, "mode", topics.mode_layout(""), mode_qos, every=SLOW_INPUT)
         layout = topics.tension_command_layout(geometry)

@@ -50,6 +50,7 @@ class Input:
         error: why the newest message was refused; empty if it was not.
         raw: newest message's bytes, valid or not.
         every: a loop looks at it in every so many cycles (in lockstep in each one).
+        awaited: in lockstep, whether a loop waits until it has the trigger's stamp.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class Input:
         """Subscribe; `topic` is relative to the node's namespace."""
         self.topic = topic
         self.every = every
+        self.awaited = True
         self._layout = layout
         self._type = layout.msg_type
         self.subscription = node.create_subscription(
@@ -188,7 +190,7 @@ class ControlLoop(GuardedThread):
     def _wait_for_companions(self) -> None:
         wanted = self._trigger.stamp_ns
         give_up = time.monotonic() + LOCKSTEP_PATIENCE_S
-        while missing := [c for c in self._companions if c.stamp_ns < wanted]:
+        while missing := [c for c in self._companions if c.awaited and c.stamp_ns < wanted]:
             if not self.running:
                 return
             if time.monotonic() > give_up:

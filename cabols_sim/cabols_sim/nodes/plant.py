@@ -15,12 +15,17 @@ from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos
+from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.bridge import Bridge
 from cabols_hw.card_config import CardConfig
 from cabols_hw.ros.bridge_node import BridgeNode
 from cabols_sim.card import SimulatedQ8
+from cabols_sim.device_link import DEFAULT_LINK_PORT, PlantLink
 from cabols_sim.plant import Plant
 from cabols_sim.plant_config import PlantConfig
+from cabols_sim.robot.coupling import RobotCoupling
+from cabols_sim.robot.robot_config import RobotConfig
+from cabols_sim.robot.robot_target import RobotTarget
 
 POSE_EVERY = 4
 """The robot reports its pose every 4 ms; in lockstep every sample has one."""
@@ -37,8 +42,27 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
         node, "speed", 1.0, "how fast the rig's time passes; below 1: slow motion", (0.01, 1.0)
     )
     warm_up_card(rig, card, config)
-    plant = Plant(rig, card, config, seed)
+    node.coupling = make_coupling(node)
+    robot = node.coupling.robot if node.coupling is not None else None
+    plant = Plant(rig, card, config, seed, robot)
     return SimulatedQ8(plant, card, rig.geometry.cables, node.lockstep, speed)
+
+
+def make_coupling(node: BridgeNode) -> RobotCoupling | None:
+    """Build the robot and its link to the device simulator; None for a rigid target."""
+    wanted = declare(node, "robot", False, "flexible robot, its devices served by device_simulator")
+    path = declare(node, "robot_file", "", "YAML of the simulated robot; empty: bench")
+    configurations = declare(
+        node, "robot_configurations_file", "", "YAML of the stored configurations; empty: bench"
+    )
+    port = declare(
+        node, "link_port", DEFAULT_LINK_PORT, "UDP on loopback, to device_simulator", (0, 65535)
+    )
+    if not wanted:
+        return None
+    config = load_config(RobotConfig, path or packaged("cabols_sim", "bench_robot.yaml"))
+    target = RobotTarget(config, load_configurations(configurations))
+    return RobotCoupling(target, PlantLink(port))
 
 
 def warm_up_card(rig: Rig, card: CardConfig, config: PlantConfig) -> None:
@@ -52,7 +76,13 @@ def warm_up_card(rig: Rig, card: CardConfig, config: PlantConfig) -> None:
 
 
 class PlantNode(BridgeNode):
-    """BridgeNode on a simulated card; publishes the platform's pose in the robot's place."""
+    """BridgeNode on a simulated card; publishes the platform's pose in the robot's place.
+
+    With robot:=true the pose comes from abb_tracker_bridge, as on the rig: it lags by what the
+    devices take, so in lockstep the clock does not wait for it and runs may differ.
+    """
+
+    coupling: RobotCoupling | None = None
 
     def __init__(self) -> None:
         """Build the rig."""
@@ -63,15 +93,18 @@ class PlantNode(BridgeNode):
         geometry = self.rig.geometry
         self._pose = topics.pose_layout(geometry).record()
         self._place = b""
-        qos = control_qos(self.lockstep)
-        self._pose_output = self.advertise(
-            "platform_pose", Output(self, "platform_pose", topics.TYPES["platform_pose"], qos)
-        )
+        if self.coupling is None:
+            qos = control_qos(self.lockstep)
+            self._pose_output = self.advertise(
+                "platform_pose", Output(self, "platform_pose", topics.TYPES["platform_pose"], qos)
+            )
 
     def extra_inputs(self) -> list[Input]:
         """In lockstep the clock also waits for the wrench controller."""
+        # In lockstep the robot's pose is taken in on_inputs, but the clock does not wait for it.
+        pose = super().extra_inputs() if self.coupling is not None else []
         if not self.lockstep:
-            return []
+            return pose
         geometry = self.rig.geometry
         self._tension_input = Input(
             self, "tension_command", topics.tension_command_layout(geometry), control_qos(True)
@@ -79,12 +112,17 @@ class PlantNode(BridgeNode):
         return [self._tension_input]
 
     def on_inputs(self) -> None:
-        """Take the wrench controller's answer, which is only waited for."""
+        """Take the wrench controller's answer, which is only waited for, and the robot's pose."""
+        if self.coupling is not None:
+            super().on_inputs()
         if self.lockstep:
             self._tension_input.take()
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
-        """Publish the target's pose; the bridge knows it by itself."""
+        """Publish the target's pose, which the bridge knows by itself; or serve the devices."""
+        if self.coupling is not None:
+            self.coupling.on_sample(stamp_ns, sequence)
+            return
         if not self.lockstep and sequence % POSE_EVERY != 0:
             return
         target = self.daq.plant.target
@@ -96,6 +134,12 @@ class PlantNode(BridgeNode):
             self._pose["pose"][:3] = target.position
             self._pose["pose"][3:] = Rotation.from_matrix(target.rotation).as_quat()
         self._pose_output.publish(self._pose.raw())
+
+    def end(self) -> None:
+        """End the bridge, then the link."""
+        super().end()
+        if self.coupling is not None:
+            self.coupling.close()
 
     def finished(self) -> bool:
         """Whether the asked number of steps is done."""
