@@ -162,7 +162,8 @@ class Plant:
         )
         cable_wrench(self._matrix, self.tension, self.wrench)
         moved = self.target.step(self.wrench, duration_s)
-        if self.faults.any and self.faults.has("platform_runs"):
+        rigid = isinstance(self.target, RigidTarget)
+        if rigid and self.faults.any and self.faults.has("platform_runs"):
             self.target.position[0] += self.faults.value("platform_runs") * duration_s
             moved = True
         if moved:

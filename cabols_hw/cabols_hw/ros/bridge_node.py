@@ -115,11 +115,17 @@ class BridgeNode(ControlNode):
     def safety_config(self) -> SafetyConfig:
         """Read the limits of the safety envelope.
 
-        A watchdog that is set to more than the file's also widens the age that a sample may have.
+        A watchdog that is set to more than the file's also widens the ages that samples and poses
+        may have.
         """
         path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: bench")
         config = load_config(SafetyConfig, path or packaged("cabols_hw", "bench_safety.yaml"))
-        return replace(config, state_age=max(config.state_age, 2.0 * self._watchdog_s))
+        oldest = 2.0 * self._watchdog_s
+        return replace(
+            config,
+            state_age=max(config.state_age, oldest),
+            pose_age=max(config.pose_age, oldest),
+        )
 
     def _output(self, topic: str) -> Output:
         qos = control_qos(self.lockstep)

@@ -19,14 +19,19 @@ from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos
+from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.bridge import Bridge
 from cabols_hw.card_config import CardConfig
 from cabols_hw.ros.bridge_node import BridgeNode
 from cabols_hw.safety_config import SafetyConfig
 from cabols_sim.card import SimulatedQ8
+from cabols_sim.device_link import DEFAULT_LINK_PORT, PlantLink
 from cabols_sim.faults import FaultError
 from cabols_sim.plant import Plant
 from cabols_sim.plant_config import PlantConfig
+from cabols_sim.robot.coupling import RobotCoupling
+from cabols_sim.robot.robot_config import RobotConfig
+from cabols_sim.robot.robot_target import RobotTarget
 
 POSE_EVERY = 4
 """The robot reports its pose every 4 ms; in lockstep every sample has one."""
@@ -44,8 +49,29 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
         node, "speed", 1.0, "how fast the rig's time passes; below 1: slow motion", (0.01, 1.0)
     )
     warm_up_card(rig, card, config)
-    plant = Plant(rig, card, config, seed)
+    node.coupling = make_coupling(node)
+    robot = node.coupling.robot if node.coupling is not None else None
+    plant = Plant(rig, card, config, seed, robot)
+    if node.coupling is not None:
+        node.coupling.obey_faults(plant.faults)
     return SimulatedQ8(plant, card, rig.geometry.cables, node.lockstep, speed)
+
+
+def make_coupling(node: BridgeNode) -> RobotCoupling | None:
+    """Build the robot and its link to the device simulator; None for a rigid target."""
+    wanted = declare(node, "robot", False, "flexible robot, its devices served by device_simulator")
+    path = declare(node, "robot_file", "", "YAML of the simulated robot; empty: bench")
+    configurations = declare(
+        node, "robot_configurations_file", "", "YAML of the stored configurations; empty: bench"
+    )
+    port = declare(
+        node, "link_port", DEFAULT_LINK_PORT, "UDP on loopback, to device_simulator", (0, 65535)
+    )
+    if not wanted:
+        return None
+    config = load_config(RobotConfig, path or packaged("cabols_sim", "bench_robot.yaml"))
+    target = RobotTarget(config, load_configurations(configurations))
+    return RobotCoupling(target, PlantLink(port))
 
 
 def warm_up_card(rig: Rig, card: CardConfig, config: PlantConfig) -> None:
@@ -59,7 +85,13 @@ def warm_up_card(rig: Rig, card: CardConfig, config: PlantConfig) -> None:
 
 
 class PlantNode(BridgeNode):
-    """BridgeNode on a simulated card; publishes the platform's pose in the robot's place."""
+    """BridgeNode on a simulated card; publishes the platform's pose in the robot's place.
+
+    With robot:=true the pose comes from abb_tracker_bridge, as on the rig: it lags by what the
+    devices take, so in lockstep the clock does not wait for it and runs may differ.
+    """
+
+    coupling: RobotCoupling | None = None
 
     def __init__(self) -> None:
         """Build the rig."""
@@ -70,10 +102,11 @@ class PlantNode(BridgeNode):
         geometry = self.rig.geometry
         self._pose = topics.pose_layout(geometry).record()
         self._place = b""
-        qos = control_qos(self.lockstep)
-        self._pose_output = self.advertise(
-            "platform_pose", Output(self, "platform_pose", topics.TYPES["platform_pose"], qos)
-        )
+        if self.coupling is None:
+            qos = control_qos(self.lockstep)
+            self._pose_output = self.advertise(
+                "platform_pose", Output(self, "platform_pose", topics.TYPES["platform_pose"], qos)
+            )
 
         self._truth = None
         if declare(self, "truth", False, "publish what no sensor sees: true tensions and wrench"):
@@ -110,16 +143,19 @@ class PlantNode(BridgeNode):
         order = (request.fault, request.limb, request.value, request.duration)
         try:
             with self._lock:
-                response.message = self.daq.plant.inject(*order)
+                said = self.daq.plant.inject(*order)
             response.success = True
+            response.message = f"{said}; at {self._newest_s:.4f} s"
         except FaultError as error:
             response.success, response.message = False, str(error)
         return response
 
     def extra_inputs(self) -> list[Input]:
         """In lockstep the clock also waits for the wrench controller."""
+        # In lockstep the robot's pose is taken in on_inputs, but the clock does not wait for it.
+        pose = super().extra_inputs() if self.coupling is not None else []
         if not self.lockstep:
-            return []
+            return pose
         geometry = self.rig.geometry
         self._tension_input = Input(
             self, "tension_command", topics.tension_command_layout(geometry), control_qos(True)
@@ -127,14 +163,19 @@ class PlantNode(BridgeNode):
         return [self._tension_input]
 
     def on_inputs(self) -> None:
-        """Take the wrench controller's answer, which is only waited for."""
+        """Take the wrench controller's answer, which is only waited for, and the robot's pose."""
+        if self.coupling is not None:
+            super().on_inputs()
         if self.lockstep:
             self._tension_input.take()
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
-        """Publish the target's pose; the bridge knows it by itself."""
+        """Publish the target's pose, which the bridge knows by itself; or serve the devices."""
         if self._truth is not None:
             self._publish_truth(stamp_ns, sequence)
+        if self.coupling is not None:
+            self.coupling.on_sample(stamp_ns, sequence)
+            return
         if not self.lockstep and sequence % POSE_EVERY != 0:
             return
         target, faults = self.daq.plant.target, self.daq.plant.faults
@@ -149,6 +190,12 @@ class PlantNode(BridgeNode):
             self._pose["pose"][:3] = target.position + offset
             self._pose["pose"][3:] = Rotation.from_matrix(target.rotation).as_quat()
         self._pose_output.publish(self._pose.raw())
+
+    def end(self) -> None:
+        """End the bridge, then the link."""
+        super().end()
+        if self.coupling is not None:
+            self.coupling.close()
 
     def finished(self) -> bool:
         """Whether the asked number of steps is done."""

@@ -1,0 +1,1 @@
+"""Client of an ABB controller: EGM feedback, RWS, the stored configurations."""

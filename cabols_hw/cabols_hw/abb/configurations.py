@@ -1,0 +1,72 @@
+"""The robot's stored configurations and its tool, shared by client, controller, simulation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from pydantic.dataclasses import dataclass
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.errors import CabolsError, ConfigError
+
+
+@dataclass(frozen=True, config=STRICT)
+class RobotConfigurations:
+    """What the RAPID program on the controller knows, too.
+
+    Attributes:
+        tool_position: (3,) of the platform's origin, in the flange's axes [m].
+        tool_quaternion: (4,) w x y z, from platform to flange axes (ABB's tooldata order).
+        configurations: joint angles of each configuration, by index from 0 [deg].
+    """
+
+    tool_position: list[float]
+    tool_quaternion: list[float]
+    configurations: list[list[float]]
+
+    def __post_init__(self) -> None:
+        """Check shapes, the quaternion's length and that the angles can be degrees."""
+        finite_array("tool_position", self.tool_position, (3,))
+        length = np.linalg.norm(finite_array("tool_quaternion", self.tool_quaternion, (4,)))
+        in_range("length of tool_quaternion", float(length), 1.0 - 1e-6, 1.0 + 1e-6)
+        if not self.configurations:
+            raise ConfigError("configurations: expected at least one, got none")
+        angles = finite_array("configurations", self.configurations, (None, 6))
+        in_range("largest angle", float(np.abs(angles).max()), 0.0, 400.0)
+
+    def __len__(self) -> int:
+        """Number of configurations."""
+        return len(self.configurations)
+
+    @property
+    def tool_rotation(self) -> FloatArray:
+        """(3, 3) from platform to flange axes."""
+        w, x, y, z = self.tool_quaternion
+        return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64)
+
+    def joints(self, index: int) -> FloatArray:
+        """(6,) angles of a configuration [rad].
+
+        Raises:
+            CabolsError: if there is no such configuration.
+        """
+        if not 0 <= index < len(self.configurations):
+            raise CabolsError(
+                f"configuration: expected an index of 0 to {len(self.configurations) - 1}, "
+                f"got {index}"
+            )
+        return np.deg2rad(np.array(self.configurations[index], dtype=np.float64))
+
+
+def load_configurations(path: str | Path = "") -> RobotConfigurations:
+    """Read the stored configurations; empty: the bench's.
+
+    Raises:
+        ConfigError: if the file cannot be used.
+    """
+    return load_config(
+        RobotConfigurations, path or packaged("cabols_hw", "bench_robot_configurations.yaml")
+    )

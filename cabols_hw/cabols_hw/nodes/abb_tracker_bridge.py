@@ -1,0 +1,328 @@
+"""Node: the ABB robot and the laser tracker as topics and actions."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cabols_msgs.action import MeasureReflector, MoveToConfiguration
+from cabols_msgs.msg import Mode, ReflectorMeasurement
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+
+from cabols_control.errors import ConfigError
+from cabols_control.modes import OperatingMode
+from cabols_control.ros.node import ControlNode, run_node
+from cabols_control.ros.parameters import declare
+from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_hw.abb.configurations import load_configurations
+from cabols_hw.abb.egm import EgmReader
+from cabols_hw.abb.errors import RobotError
+from cabols_hw.abb.rws import RobotMover
+from cabols_hw.ros.robot_stream import BaseFrame, RobotStream
+from cabols_hw.ros.worker import Worker
+from cabols_hw.tracker.client import TrackerClient
+from cabols_hw.tracker.config import load_tracker_config
+
+MAY_MOVE = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
+PASSWORD_VARIABLE = "CABOLS_ROBOT_PASSWORD"
+FEEDBACK_S = 0.1
+END_S = 0.8
+
+
+class AbbTrackerBridge(ControlNode):
+    """Publishes what the robot says, moves it, and lets the tracker measure.
+
+    platform_pose is EGM's Cartesian feedback of the RAPID program's tool, whose frame is the
+    platform's; it comes from the encoders and does not contain the joints' deflection.
+    """
+
+    def __init__(self) -> None:
+        """Listen to the robot; advertise topics and actions.
+
+        Raises:
+            ConfigError, RobotError: if a file or the port cannot be used.
+        """
+        super().__init__("abb_tracker_bridge")
+        speed = self._declare_robot()
+        self._mode: OperatingMode | None = None
+        self.create_subscription(Mode, "mode", self._hear_mode, latched_qos(self.lockstep))
+        self._tracker_address = declare(
+            self, "tracker_address", "", "host:port of the laser tracker's server; empty: none"
+        )
+        tracker = load_tracker_config(
+            declare(self, "tracker_file", "", "YAML of the laser tracker; empty: bench") or None
+        )
+        self._tracker_config = replace(tracker, time_stretch=tracker.time_stretch / speed)
+        self._tracker_frame = declare(self, "tracker_frame", "tracker", "frame of measurements")
+        self._tracker: Any = None
+        self._measured = self.create_publisher(
+            ReflectorMeasurement, "reflector_measurement", status_qos()
+        )
+        self._ending = False
+        self._motion: Worker | None = None
+        self._halting: Worker | None = None
+        self._measurement: Worker | None = None
+        self._servers = [
+            self._serve(MoveToConfiguration, "move_to_configuration", self._judge_move, self._move),
+            self._serve(MeasureReflector, "measure_reflector", self._judge_measure, self._measure),
+        ]
+
+    def _declare_robot(self) -> float:
+        """Open the robot's stream; return the speed of the controller's clock."""
+        address = declare(self, "robot_address", "127.0.0.1", "of the controller")
+        port = declare(self, "rws_port", 80, "TCP port of Robot Web Services", (1, 65535))
+        url = declare(self, "rws_url", "", "replaces address and port; empty: made of them")
+        self._url = url or f"http://{address}:{port}"
+        self._user = declare(self, "user", "Default User", "of Robot Web Services")
+        self._password = self._read_password()
+        self._timeout_s = declare(self, "move_timeout", 60.0, "s, for one motion", (0.1, 3600.0))
+        self._configurations = load_configurations(
+            declare(self, "robot_configurations_file", "", "stored configurations; empty: bench")
+        )
+        speed = declare(
+            self, "speed", 1.0, "of the controller's clock; below 1: slow motion", (0.01, 1.0)
+        )
+        self._reader = EgmReader(
+            declare(self, "egm_port", 6510, "UDP port that the controller sends to", (0, 65535)),
+            declare(self, "egm_address", "", "IP that EGM must come from; empty: any"),
+            declare(self, "late_after", 0.03, "s, delay that counts as late", (0.001, 1.0)),
+            speed,
+        )
+        base = BaseFrame(
+            declare(self, "robot_position", [0.0] * 3, "m, robot's base in the rig's"),
+            declare(self, "robot_rotation_xyz_deg", [0.0] * 3, "intrinsic x-y-z, of its base"),
+        )
+        stale = declare(
+            self, "stale_after", 0.05, "s without packet, then the pose is stale", (0.005, 10.0)
+        )
+        robot_clock = declare(
+            self, "robot_clock", False, "stamps are the controller's time: simulation only"
+        )
+        self._stream = RobotStream(self, self._reader, base, stale, robot_clock)
+        self._robot_clock = robot_clock
+        return speed
+
+    def _read_password(self) -> str:
+        path = declare(
+            self,
+            "password_file",
+            "",
+            f"its first line is the password; empty: ${PASSWORD_VARIABLE}, or ABB's default",
+        )
+        if not path:
+            return os.environ.get(PASSWORD_VARIABLE, "robotics")
+        try:
+            return Path(path).read_text(encoding="utf-8").splitlines()[0]
+        except (OSError, UnicodeDecodeError, IndexError) as error:
+            raise ConfigError(
+                f"password_file: expected a file whose first line is the password, got {path} "
+                f"({type(error).__name__})"
+            ) from error
+
+    def _serve(self, kind: Any, name: str, judge: Callable[..., str], execute: Any) -> ActionServer:
+        def answer(request: Any) -> GoalResponse:
+            refusal = judge(request)
+            if refusal:
+                self.get_logger().error(f"{name} refused: {refusal}")
+            return GoalResponse.REJECT if refusal else GoalResponse.ACCEPT
+
+        return ActionServer(
+            self,
+            kind,
+            name,
+            execute,
+            goal_callback=answer,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def begin(self) -> None:
+        """Start publishing."""
+        super().begin()
+        self._stream.start()
+
+    def end(self) -> None:
+        """Stop a motion under way, then everything."""
+        self._ending = True
+        if self._motion is not None:
+            self._motion.join(END_S)
+        self._stream.stop()
+        self._reader.close()
+        for server in self._servers:
+            server.destroy()
+
+    @property
+    def failure(self) -> BaseException | None:
+        """What ended the stream."""
+        return self._stream.failure
+
+    def _hear_mode(self, message: Mode) -> None:
+        before, self._mode = self._mode, OperatingMode(message.mode)
+        entered = self._mode == OperatingMode.FAULT and before not in (None, self._mode)
+        if entered and self._motion is None:
+            # Also a motion that was begun elsewhere must end; one of our own ends by itself.
+            self._halting = Worker(self._halt)
+
+    def _halt(self) -> None:
+        mover = RobotMover(self._url, self._user, self._password)
+        try:
+            mover.abort()
+        except RobotError as error:
+            self.get_logger().error(f"in FAULT: {error}")
+        finally:
+            mover.close()
+
+    def _joints(self) -> list[float]:
+        newest = self._stream.newest
+        return [] if newest is None else newest.joints.tolist()
+
+    def _forbidden(self) -> str:
+        """Why the robot may not move in this mode; empty if it may."""
+        if self._mode is None:
+            return "no mode heard: is the supervisor running?"
+        if self._mode not in MAY_MOVE:
+            allowed = " or ".join(mode.name for mode in MAY_MOVE)
+            return f"the mode is {self._mode.name}, expected {allowed}"
+        return ""
+
+    def _judge_move(self, request: Any) -> str:
+        if self._motion is not None:
+            return "a motion is under way"
+        if not request.index < len(self._configurations):
+            return f"expected an index below {len(self._configurations)}, got {request.index}"
+        return self._forbidden()
+
+    async def _move(self, handle: Any) -> Any:
+        if self._motion is not None:
+            handle.abort()
+            return MoveToConfiguration.Result(message="a motion is under way")
+
+        def interrupted() -> str:
+            if self._ending:
+                return "the node ends"
+            return "cancelled" if handle.is_cancel_requested else self._forbidden()
+
+        worker = self._motion = Worker(lambda: self._drive(handle.request.index, interrupted))
+        began = time.monotonic()
+        while worker.busy:
+            handle.publish_feedback(
+                MoveToConfiguration.Feedback(
+                    elapsed=time.monotonic() - began, joints=self._joints()
+                )
+            )
+            await self._pause(FEEDBACK_S)
+        self._motion = None
+        self._finish(handle, worker)
+        return MoveToConfiguration.Result(
+            success=worker.failure is None,
+            message=str(worker.failure or "done"),
+            joints=self._joints(),
+        )
+
+    def _drive(self, index: int, interrupted: Callable[[], str]) -> None:
+        mover = RobotMover(self._url, self._user, self._password)
+        try:
+            mover.move(index, self._timeout_s, interrupted, poll_s=0.05)
+        finally:
+            mover.close()
+
+    def _finish(self, handle: Any, worker: Worker) -> None:
+        """End a goal as its worker ended."""
+        if worker.failure is None:
+            handle.succeed()
+            return
+        self.get_logger().error(str(worker.failure))
+        if handle.is_cancel_requested:
+            handle.canceled()
+        else:
+            handle.abort()
+
+    def _judge_measure(self, request: Any) -> str:
+        del request
+        if self._measurement is not None:
+            return "a measurement is under way"
+        if not self._tracker_address:
+            return "no tracker: set tracker_address"
+        return ""
+
+    async def _measure(self, handle: Any) -> Any:
+        if self._measurement is not None:
+            handle.abort()
+            return MeasureReflector.Result(message="a measurement is under way")
+        request = handle.request
+        worker = self._measurement = Worker(lambda: self._ask_tracker(request))
+        began = time.monotonic()
+        while worker.busy:
+            handle.publish_feedback(
+                MeasureReflector.Feedback(phase="measuring", elapsed=time.monotonic() - began)
+            )
+            await self._pause(FEEDBACK_S)
+        self._measurement = None
+        message = self._measurement_message(request, worker)
+        if worker.failure is None and not message.success:
+            worker.failure = RobotError(f"tracker: {message.reason}")
+        self._measured.publish(message)
+        self._finish(handle, worker)
+        return MeasureReflector.Result(
+            success=bool(message.success), message=message.reason or "done", measurement=message
+        )
+
+    def _ask_tracker(self, request: Any) -> Any:
+        if self._tracker is None:
+            self._tracker = TrackerClient(
+                self._tracker_address,
+                self._tracker_config,
+                lambda i: self._tracker_config.expected(i, *self._stream.platform()),
+            )
+        return self._tracker.measure(
+            int(request.reflector), float(request.averaging_time), bool(request.search)
+        )
+
+    def _measurement_message(self, request: Any, worker: Worker) -> ReflectorMeasurement:
+        reading = worker.result
+        message = ReflectorMeasurement(
+            reflector=request.reflector, averaging_time=request.averaging_time
+        )
+        middle_ns = self._stream.now_ns() - round(0.5e9 * request.averaging_time)
+        if self._robot_clock and reading is not None and reading.time_ns:
+            middle_ns = int(reading.time_ns)
+        message.header.stamp.sec = max(middle_ns, 0) // 10**9
+        message.header.stamp.nanosec = max(middle_ns, 0) % 10**9
+        message.header.frame_id = self._tracker_frame
+        good = reading is not None and bool(reading.success)
+        position = np.asarray(reading.position) if good else np.full(3, np.nan)
+        covariance = np.asarray(reading.covariance) if good else np.full((3, 3), np.nan)
+        for axis, value in zip("xyz", position.tolist(), strict=True):
+            setattr(message.position, axis, value)
+        message.covariance = covariance.ravel().tolist()
+        message.success = good
+        if reading is not None:
+            message.rms, message.temperature = float(reading.rms), float(reading.temperature)
+            message.samples = int(reading.samples)
+        reason = worker.failure if reading is None else reading.reason
+        message.reason = "" if good else str(reason)
+        return message
+
+    async def _pause(self, seconds: float) -> None:
+        """Give the executor back for a while."""
+        future: Future = Future()
+        timer = self.create_timer(seconds, lambda: future.set_result(None))
+        await future
+        self.destroy_timer(timer)
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(AbbTrackerBridge)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,159 @@
+"""The robot's position stream as topics: platform_pose and joint_states at the EGM rate."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from rclpy.serialization import serialize_message
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
+
+from cabols_control.checks import finite_array
+from cabols_control.ros import topics
+from cabols_control.ros.guarded_thread import GuardedThread
+from cabols_control.ros.loop import Output
+from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
+from cabols_control.ros.qos import control_qos
+from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
+
+WAIT_S = 0.01
+JOINT_NAMES = tuple(f"joint_{i}" for i in range(1, 7))
+
+
+class JointStateBytes:
+    """A serialised JointState whose time and positions are written in place."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """Lay out for these joints; velocity and effort stay empty: EGM does not tell them."""
+        marks = [1.0 + i for i in range(len(names))]
+        message = JointState(name=list(names), position=marks)
+        self._raw = bytearray(serialize_message(message))
+        self._format = struct.Struct(f"<{len(names)}d")
+        self._at = bytes(self._raw).index(self._format.pack(*marks))
+
+    def raw(self, stamp_ns: int, positions: Sequence[float]) -> bytes:
+        """Return the bytes to publish, for a time [ns] and angles [rad]."""
+        # Behind the four bytes of CDR header: sec, nanosec.
+        struct.pack_into("<iI", self._raw, 4, stamp_ns // 10**9, stamp_ns % 10**9)
+        self._format.pack_into(self._raw, self._at, *positions)
+        return bytes(self._raw)
+
+
+class BaseFrame:
+    """Where the robot's base stands in the rig's."""
+
+    def __init__(self, position: Sequence[float], rotation_xyz_deg: Sequence[float]) -> None:
+        """Take (3,) position [m] and (3,) intrinsic x-y-z Euler angles [deg].
+
+        Raises:
+            ShapeError: if one has another shape or is not finite.
+        """
+        angles = finite_array("robot_rotation_xyz_deg", rotation_xyz_deg, (3,))
+        self._position = finite_array("robot_position", position, (3,))
+        self._rotation = Rotation.from_euler("XYZ", angles, degrees=True)
+        self._identity = not (angles.any() or self._position.any())
+
+    def pose_into(self, sample: EgmSample, pose: np.ndarray) -> None:
+        """Fill pose (7,): position [m], quaternion x y z w, in the rig's base frame."""
+        pose[:3], pose[3:] = sample.position, sample.quaternion
+        if not self._identity:
+            pose[:3] = self._position + self._rotation.apply(sample.position)
+            pose[3:] = (self._rotation * Rotation.from_quat(sample.quaternion)).as_quat()
+
+
+class RobotStream(GuardedThread):
+    """Publishes every newest packet; without packets it publishes nothing and reports FAULT.
+
+    Attributes:
+        newest: newest sample; None before the first.
+        stamp_ns: the time it was published with.
+    """
+
+    def __init__(
+        self,
+        node: ControlNode,
+        reader: EgmReader,
+        base: BaseFrame,
+        stale_after_s: float,
+        robot_clock: bool,
+    ) -> None:
+        """Prepare; start() begins.
+
+        Args:
+            node: owner of topics and status.
+            reader: of the stream.
+            base: the robot's place in the rig.
+            stale_after_s: silence after which the pose counts as stale [s].
+            robot_clock: stamps are the controller's time, not this computer's.
+        """
+        super().__init__(node.context, "robot_stream")
+        self._node = node
+        self._reader = reader
+        self._quality = StreamQuality(reader.counter)
+        self._base = base
+        self._stale_after_s = stale_after_s
+        self._stale = f"robot: no EGM packet for {stale_after_s:g} s"
+        self._robot_clock = robot_clock
+        self._pose = topics.pose_layout(node.rig.geometry).record()
+        self._joints = JointStateBytes(JOINT_NAMES)
+        qos = control_qos(node.lockstep)
+        pose_type = topics.TYPES["platform_pose"]
+        self._pose_output = node.advertise(
+            "platform_pose", Output(node, "platform_pose", pose_type, qos)
+        )
+        self._joint_output = node.advertise(
+            "joint_states", Output(node, "joint_states", JointState, qos)
+        )
+        self.newest: EgmSample | None = None
+        self.stamp_ns = 0
+
+    def platform(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the newest pose: position (3,) [m], rotation (3, 3) to the rig's base axes."""
+        pose = np.array(self._pose["pose"])
+        return pose[:3], Rotation.from_quat(pose[3:]).as_matrix()
+
+    @property
+    def stale(self) -> bool:
+        """Whether the newest pose is too old."""
+        newest = self.newest
+        return newest is None or not time.monotonic() - newest.received_s <= self._stale_after_s
+
+    def now_ns(self) -> int:
+        """Return the present time, in the clock of the stamps."""
+        return self.stamp_ns if self._robot_clock else time.time_ns()
+
+    def body(self) -> None:
+        """Read, publish, report."""
+        self._node.prepare_thread()
+        while self.running:
+            sample = self._reader.take(WAIT_S)
+            if sample is not None:
+                self._publish(sample)
+            self._report()
+
+    def _publish(self, sample: EgmSample) -> None:
+        began = time.monotonic()
+        self.newest = sample
+        self.stamp_ns = sample.robot_time_ns if self._robot_clock else time.time_ns()
+        self._pose.stamp(self.stamp_ns)
+        self._base.pose_into(sample, self._pose["pose"])
+        self._pose_output.publish(self._pose.raw())
+        self._joint_output.publish(self._joints.raw(self.stamp_ns, sample.joints.tolist()))
+        self._node.status.work.add(time.monotonic() - began)
+
+    def _report(self) -> None:
+        status, counter = self._node.status, self._reader.counter
+        status.lost, status.late = counter.lost, counter.late
+        trouble = self._quality.look()
+        if self.newest is None:
+            status.cycle(0, WAITING, "")
+        elif self.stale:
+            status.cycle(self.stamp_ns, FAULT, self._stale)
+        elif trouble:
+            status.cycle(self.stamp_ns, FAULT, f"robot: {trouble}")
+        else:
+            status.cycle(self.stamp_ns, RUNNING, "")
+        self._node.tidy()

@@ -1,0 +1,1 @@
+"""The simulated ABB controller: RAPID program, EGM and Robot Web Services."""

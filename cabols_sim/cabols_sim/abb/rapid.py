@@ -1,0 +1,177 @@
+"""What cabols.mod does on the controller, as a state machine beside the link to the plant."""
+
+from __future__ import annotations
+
+import threading
+from enum import Enum
+from typing import Any, Protocol
+
+from cabols_control.errors import CabolsError
+
+NO_CONFIGURATION = 1
+"""Value of cabols_error for an unknown index."""
+
+
+class RapidError(CabolsError):
+    """The controller refuses a request."""
+
+
+class Mover(Protocol):
+    """The part of DeviceLink that moves the robot."""
+
+    def move(self, index: int, speed_scale: float = 1.0) -> int:
+        """Ask for a motion; return the command's number."""
+
+    def halt(self) -> int:
+        """Ask for a stop; return the command's number."""
+
+
+class Pointer(Enum):
+    """Where the program pointer stands."""
+
+    MAIN = 0
+    WAITING = 1
+    MOVING = 2
+
+
+class RapidProgram:
+    """Variables, execution and motors of the controller; every method may be called by any thread.
+
+    As on the controller a start after a stop goes on with the interrupted motion; after
+    reset_pointer() the program begins at main, which forgets an old demand.
+    """
+
+    def __init__(self, mover: Mover, configurations: int, operation_mode: str = "AUTO") -> None:
+        """Run, motors on, waiting for a demand.
+
+        Args:
+            mover: moves the robot.
+            configurations: number of stored ones.
+            operation_mode: AUTO, or MANR, in which RWS may only read.
+        """
+        self._mover = mover
+        self._configurations = configurations
+        self._lock = threading.RLock()
+        self._variables: dict[str, float | bool] = {
+            "cabols_target": 0.0,
+            "cabols_go": False,
+            "cabols_done": True,
+            "cabols_error": 0.0,
+        }
+        self._pointer = Pointer.WAITING
+        self._command = 0
+        self._issued = False
+        self._emergency = False
+        self.operation_mode = operation_mode
+        self.motors_on = True
+        self.running = True
+
+    @property
+    def controller_state(self) -> str:
+        """RWS' word for the state of motors and emergency stop."""
+        if self._emergency:
+            return "emergencystop"
+        return "motoron" if self.motors_on else "motoroff"
+
+    def get(self, name: str) -> str:
+        """Value of a RAPID variable as RAPID writes it; KeyError if there is none."""
+        with self._lock:
+            value = self._variables[name]
+        if isinstance(value, bool):
+            return "TRUE" if value else "FALSE"
+        return f"{value:g}"
+
+    def set(self, name: str, text: str) -> None:
+        """Write a RAPID variable; KeyError if there is none, RapidError for another type."""
+        with self._lock:
+            if isinstance(self._variables[name], bool):
+                if text.upper() not in ("TRUE", "FALSE"):
+                    raise RapidError(f"{name}: expected TRUE or FALSE, got {text!r}")
+                self._variables[name] = text.upper() == "TRUE"
+                return
+            try:
+                self._variables[name] = float(text)
+            except ValueError as error:
+                raise RapidError(f"{name}: expected a num, got {text!r}") from error
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The RAPID variables."""
+        return tuple(self._variables)
+
+    def start(self) -> None:
+        """Start, or go on; RapidError with the motors off."""
+        with self._lock:
+            if not self.motors_on:
+                raise RapidError("RAPID cannot start: the motors are off")
+            self.running = True
+            self._issued = False
+
+    def stop(self) -> None:
+        """Stop the program and the motion."""
+        with self._lock:
+            self.running = False
+            self._mover.halt()
+
+    def reset_pointer(self) -> None:
+        """Program pointer to main; RapidError while it runs."""
+        with self._lock:
+            if self.running:
+                raise RapidError("program pointer cannot be moved: RAPID is running")
+            self._pointer = Pointer.MAIN
+
+    def set_motors(self, on: bool) -> None:
+        """Switch the motors; RapidError in an emergency stop."""
+        with self._lock:
+            if on and self._emergency:
+                raise RapidError("motors cannot be switched on: emergency stop")
+            if not on:
+                self.stop()
+            self.motors_on = on
+
+    def step(self, truth: Any) -> None:
+        """Let the program act on the newest DEVICE_TRUTH."""
+        with self._lock:
+            self._emergency = bool(truth["robot_stopped"])
+            if self._emergency and self.motors_on:
+                self.stop()
+                self.motors_on = False
+            if not self.running:
+                return
+            if self._pointer == Pointer.MAIN:
+                self._variables["cabols_go"] = False
+                self._variables["cabols_error"] = 0.0
+                self._pointer = Pointer.WAITING
+            elif self._pointer == Pointer.WAITING:
+                self._wait()
+            else:
+                self._move(truth)
+
+    def _wait(self) -> None:
+        if not self._variables["cabols_go"]:
+            return
+        self._variables["cabols_go"] = False
+        self._variables["cabols_done"] = False
+        self._variables["cabols_error"] = 0.0
+        wanted = self._variables["cabols_target"]
+        if not (0.0 <= wanted < self._configurations and wanted == int(wanted)):
+            self._variables["cabols_error"] = float(NO_CONFIGURATION)
+            return
+        self._index = int(wanted)
+        self._issued = False
+        self._pointer = Pointer.MOVING
+
+    def _move(self, truth: Any) -> None:
+        if not self._issued:
+            # A motion that was stopped still brakes: the robot refuses another one until it stands.
+            if not truth["moving"]:
+                self._command = self._mover.move(self._index)
+                self._issued = True
+            return
+        if int(truth["acknowledged"]) < self._command or truth["moving"]:
+            return
+        if int(truth["target_index"]) == self._index:
+            self._variables["cabols_done"] = True
+            self._pointer = Pointer.WAITING
+        else:
+            self._issued = False

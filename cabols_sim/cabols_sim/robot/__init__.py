@@ -1,0 +1,1 @@
+"""The simulated robot: kinematics, flexible joints, smooth motions, the plant's target."""
