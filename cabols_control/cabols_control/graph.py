@@ -19,6 +19,7 @@ class NodeSpec:
         reads: topics, relative to /cabols.
         writes: topics, relative to /cabols.
         parameters: ROS parameters.
+        options: command line of an executable that is no ROS node, by name without dashes.
     """
 
     package: str
@@ -26,16 +27,21 @@ class NodeSpec:
     reads: tuple[str, ...]
     writes: tuple[str, ...]
     parameters: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
 
     def with_parameters(self, **parameters: Any) -> NodeSpec:
         """Return the same node with more parameters."""
         return replace(self, parameters={**self.parameters, **parameters})
 
+    def option_list(self) -> list[str]:
+        """Return the options as they stand on the command line."""
+        return [word for name, value in self.options.items() for word in (f"--{name}", str(value))]
+
     def arguments(self) -> list[str]:
         """Return the command line behind the executable's name."""
         if not self.parameters:
-            return []
-        found = ["--ros-args"]
+            return self.option_list()
+        found = [*self.option_list(), "--ros-args"]
         for name, value in self.parameters.items():
             # JSON is YAML: quotes keep a path or a name from being read as a number.
             found += ["-p", f"{name}:={json.dumps(value)}"]
@@ -77,6 +83,8 @@ RECORDER = NodeSpec(
         "platform_pose",
         "mode",
         "loop_status",
+        "joint_states",
+        "reflector_measurement",
     ),
     ("loop_status",),
 )
@@ -92,6 +100,30 @@ BRIDGE = NodeSpec(
     ("motor_current", "platform_pose", "mode"),
     ("limb_state", "wrench", "loop_status"),
 )
+ROBOT = NodeSpec(
+    "cabols_hw",
+    "abb_tracker_bridge",
+    ("mode",),
+    ("platform_pose", "joint_states", "reflector_measurement", "loop_status"),
+)
+DEVICES = NodeSpec("cabols_sim", "device_simulator", (), ())
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Where the simulated devices are found, all on loopback.
+
+    Attributes:
+        link: UDP, between plant and device simulator.
+        egm: UDP, the robot's position stream.
+        rws: TCP, Robot Web Services.
+        tracker: TCP, the laser tracker.
+    """
+
+    link: int = 6520
+    egm: int = 6510
+    rws: int = 6580
+    tracker: int = 6590
 
 
 @dataclass(frozen=True)
@@ -117,12 +149,28 @@ class Argument:
 
 _BRIDGES = ("plant", "q8_ati_bridge")
 _LOOPS = (*_BRIDGES, "limb_controller", "wrench_controller")
-_ALL = (*_LOOPS, "supervisor", "load_program", "recorder")
+_ROBOT = ("abb_tracker_bridge",)
+_ALL = (*_LOOPS, "supervisor", "load_program", "recorder", *_ROBOT)
 ARGUMENTS = (
     Argument("geometry_file", "", "YAML of the geometry; empty: reference bench", _ALL),
     Argument("limbs_file", "", "YAML of the limbs; empty: reference bench", _ALL),
     Argument("control_file", "", "YAML of the control design; empty: reference bench", _ALL),
     Argument("card_file", "", "YAML of the card's scaling; empty: reference bench", _BRIDGES),
+    Argument("safety_file", "", "YAML of the safety envelope; empty: reference bench", _BRIDGES),
+    Argument(
+        "robot_configurations_file",
+        "",
+        "YAML of the robot's stored configurations; empty: reference bench",
+        (*_ROBOT, "plant"),
+    ),
+    Argument("tracker_file", "", "YAML of the laser tracker; empty: reference bench", _ROBOT),
+    Argument("robot_address", "127.0.0.1", "IP of the robot's controller", _ROBOT, ("rig",)),
+    Argument("rws_port", 80, "TCP port of its Robot Web Services", _ROBOT, ("rig",)),
+    Argument("egm_port", 6510, "UDP port that it sends its position to", _ROBOT, ("rig",)),
+    Argument("tracker_address", "", "host:port of the tracker's server", _ROBOT, ("rig",)),
+    Argument(
+        "stale_after", 0.05, "s without a packet of the robot until its pose is stale", _ROBOT
+    ),
     Argument("watchdog", 0.0, "s, replaces the card file's; 0: the file's", _BRIDGES),
     Argument(
         "command_timeout", 0.0, "s, replaces the control file's; 0: its", ("limb_controller",)
@@ -137,7 +185,7 @@ ARGUMENTS = (
         "background_fifo_priority",
         0,
         "the same for the other nodes, whose locks the loops may meet; below fifo_priority",
-        ("wrench_controller", "supervisor", "load_program", "recorder"),
+        ("wrench_controller", "supervisor", "load_program", "recorder", *_ROBOT),
         parameter="fifo_priority",
     ),
     Argument(
@@ -147,7 +195,7 @@ ARGUMENTS = (
         "other_cpu",
         -1,
         "core for the other nodes; -1: any",
-        ("wrench_controller", "supervisor", "load_program", "recorder"),
+        ("wrench_controller", "supervisor", "load_program", "recorder", *_ROBOT),
         parameter="cpu",
     ),
     Argument("record", True, "record a bag", ()),
@@ -160,7 +208,12 @@ ARGUMENTS = (
     Argument("plant_file", "", "YAML of the simulated rig; empty: bench", ("plant",), ("bench",)),
     Argument("linear", False, "simulate the linear plant", ("plant",), ("bench",)),
     Argument("seed", 0, "of the simulated rig's noise", ("plant",), ("bench",)),
-    Argument("speed", 1.0, "below 1: the simulated rig in slow motion", ("plant",), ("bench",)),
+    Argument(
+        "speed", 1.0, "below 1: the simulated rig in slow motion", ("plant", *_ROBOT), ("bench",)
+    ),
+    Argument("robot", True, "simulate robot and tracker; false: a rigid target", (), ("bench",)),
+    Argument("robot_file", "", "YAML of the simulated robot; empty: bench", ("plant",), ("bench",)),
+    Argument("truth", False, "publish what no sensor sees", ("plant",), ("bench",)),
     Argument("lockstep", False, "deterministic: the clock waits for answers", (), ("bench",)),
     Argument("steps", 0, "lockstep: end after so many milliseconds", ("plant",), ("bench",)),
 )
@@ -181,23 +234,67 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
 
 def rig_graph(record: bool = True) -> list[NodeSpec]:
     """Nodes of a rig with hardware, in starting order: readers first, the clock last."""
-    return [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, BRIDGE]
+    return [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, ROBOT, BRIDGE]
 
 
-def bench_graph(lockstep: bool = False, record: bool = True) -> list[NodeSpec]:
+def bench_graph(
+    lockstep: bool = False, record: bool = True, robot: bool = True, ports: Ports | None = None
+) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
-    In lockstep every node waits until its topics have all the readers that this table gives them,
-    so that nothing is lost at the start.
+    They are the rig's, but for the plant in the bridge's place, and the simulated devices. In
+    lockstep every node waits until its topics have all the readers that this table gives them, so
+    that nothing is lost at the start.
+
+    Args:
+        lockstep: deterministic clock.
+        record: with the recorder.
+        robot: with robot and tracker; False for a target that never moves, whose pose the plant
+            publishes itself.
+        ports: of the devices.
     """
-    nodes = [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, PLANT]
+    recorder = [RECORDER] if record else []
+    nodes = [*recorder, *CONTROLLERS, LOAD_PROGRAM]
+    nodes += _devices(ports or Ports()) if robot else [PLANT]
+    if robot:
+        nodes = [
+            node.with_parameters(robot=True) if node.executable == "wrench_controller" else node
+            for node in nodes
+        ]
     if not lockstep:
         return nodes
     readers = Counter(topic for node in nodes for topic in node.reads)
     return [
-        node.with_parameters(
+        node
+        if node is DEVICES or node.options
+        else node.with_parameters(
             lockstep=True,
             wait_for_readers=[f"{topic}={readers[topic]}" for topic in node.writes],
         )
         for node in nodes
     ]
+
+
+def _devices(ports: Ports) -> list[NodeSpec]:
+    """Robot and tracker as servers, the bridge that talks to them, the plant that moves them."""
+    servers = replace(
+        DEVICES,
+        options={
+            "link-port": ports.link,
+            "egm-port": ports.egm,
+            "rws-port": ports.rws,
+            "tracker-port": ports.tracker,
+        },
+    )
+    bridge = ROBOT.with_parameters(
+        egm_port=ports.egm,
+        rws_port=ports.rws,
+        tracker_address=f"127.0.0.1:{ports.tracker}",
+        robot_clock=True,
+    )
+    plant = replace(
+        PLANT,
+        reads=(*PLANT.reads, "platform_pose"),
+        writes=tuple(topic for topic in PLANT.writes if topic != "platform_pose"),
+    )
+    return [servers, bridge, plant.with_parameters(robot=True, link_port=ports.link)]

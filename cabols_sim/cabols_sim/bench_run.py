@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from cabols_control.graph import bench_graph, with_arguments
+from cabols_control.graph import Ports, bench_graph, with_arguments
 from cabols_control.processes import Ended, run
 
 SAFE_DOMAINS = (1, 101)
@@ -27,6 +27,15 @@ def isolated_environment() -> dict[str, str]:
         # One BLAS thread: the matrices are tiny, and two cores carry the whole graph.
         "OPENBLAS_NUM_THREADS": "1",
     }
+
+
+def ports_of(domain: int) -> Ports:
+    """Return ports of the simulated devices that runs in other DDS domains do not use.
+
+    A domain has 250 ports, of which DDS needs the first few dozen.
+    """
+    first = 7400 + 250 * domain + 200
+    return Ports(first, first + 1, first + 2, first + 3)
 
 
 def two_cores() -> dict[str, int]:
@@ -51,7 +60,8 @@ def run_bench(
     """Run the bench until one node ends, or Ctrl-C.
 
     Args:
-        values: arguments by name, see cabols_control.graph.ARGUMENTS.
+        values: arguments by name, see cabols_control.graph.ARGUMENTS; without `robot` the target
+            is rigid.
         on_line: called with (node, line) of output; default prints.
         log_folder: for each node's output.
         environment: default isolated_environment().
@@ -62,7 +72,12 @@ def run_bench(
     Returns:
         How it ended.
     """
-    graph = bench_graph(values.get("lockstep", False), values.get("record", True))
-    nodes = with_arguments(graph, values)
     where = environment or isolated_environment()
+    graph = bench_graph(
+        values.get("lockstep", False),
+        values.get("record", True),
+        values.get("robot", False),
+        ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
+    )
+    nodes = with_arguments(graph, values)
     return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn)

@@ -11,16 +11,15 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
-from importlib import import_module, util
-from typing import Any
 
 from cabols_control.errors import CabolsError
 from cabols_hw.abb.configurations import load_configurations
 from cabols_sim.abb.controller import PASSWORD, USER, AbbController
 from cabols_sim.abb.egm_server import DEFAULT_EGM_PORT
 from cabols_sim.device_link import DEFAULT_LINK_PORT, DeviceLink
+from cabols_sim.tracker.config import load_tracker_truth
+from cabols_sim.tracker.server import TrackerServer
 
-TRACKER = "cabols_sim.tracker.server"
 DEFAULT_RWS_PORT = 6580
 DEFAULT_TRACKER_PORT = 6590
 
@@ -38,16 +37,18 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--user", default=USER, help="of RWS")
     add("--password", default=PASSWORD, help="of RWS")
     add("--seed", type=int, default=0, help="of lost packets")
-    return parser.parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    # `ros2 launch` adds arguments for a node, which this is not.
+    return parser.parse_args(given[: given.index("--ros-args")] if "--ros-args" in given else given)
 
 
-def _tracker(link: DeviceLink, options: argparse.Namespace) -> Any:
-    """Return the tracker's server, or None where it is not installed or not wanted."""
-    if options.no_tracker or util.find_spec("cabols_sim.tracker") is None:
+def _tracker(link: DeviceLink, options: argparse.Namespace) -> TrackerServer | None:
+    """Return the tracker's server, or None where it is not wanted."""
+    if options.no_tracker:
         return None
-    server: Any = import_module(TRACKER)
-    config = options.tracker_file or None
-    return server.TrackerServer(link, config, options.tracker_port)
+    return TrackerServer(
+        link, load_tracker_truth(options.tracker_file or None), options.tracker_port
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -75,8 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     controller.start()
     ports = {"link": options.link_port, "egm": options.egm_port, "rws": controller.rws.port}
     if tracker is not None:
-        tracker.start()
-        ports["tracker"] = getattr(tracker, "port", options.tracker_port)
+        ports["tracker"] = tracker.start()
     print("ready " + json.dumps(ports), flush=True)
     ended.wait()
     if tracker is not None:

@@ -42,6 +42,7 @@ def launch_nodes(graph: Sequence[NodeSpec], values: dict[str, Any]) -> list[Any]
         node = Node(
             package=spec.package,
             executable=spec.executable,
+            arguments=spec.option_list(),
             parameters=[spec.parameters] if spec.parameters else [],
             output="screen",
         )
