@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cabols_control.gains import limb_gains
-from cabols_control.limb import LimbModel, identify_limb, step_response
+from cabols_control.limb import LimbModel, identify_limb, identify_limb_with_friction, step_response
 from cabols_control.programs import load_program
 from cabols_control.response import analyse_steps, rise_time
 from cabols_sim.closed_loop import simulate
@@ -23,7 +23,6 @@ from cabols_sim.reproductions import (
 )
 from cabols_sim.reproductions.common import bench, control_limb
 from cabols_sim.reproductions.gain_tables import PRINTED_K_I, PRINTED_K_P1
-from cabols_sim.reproductions.identification import identify_with_friction
 
 TABLE_3_1_GAIN = [0.853, 2.617, 1.125, 2.079, 1.663, 1.726, 2.621, 1.197]
 TABLE_3_1_TIME_CONSTANT = [0.3564, 0.3146, 0.3497, 0.5640, 0.4660, 0.4494, 0.2499, 0.4180]
@@ -110,7 +109,7 @@ def test_friction_fit_finds_none_where_there_is_none():
     time = np.arange(3000) * 1e-3
     current = np.where(time < 1.5, 0.5, 0.0)
     wound = step_response(LimbModel(1.2, 0.3), time, current)
-    found = identify_with_friction(time, current, wound, 3e-6)
+    found = identify_limb_with_friction(time, current, wound, 3e-6)
     assert found.model.gain == pytest.approx(1.2, rel=1e-6)
     assert found.friction == pytest.approx(0.0, abs=1e-6)
     assert identify_limb(time, current, wound).gain == pytest.approx(found.model.gain, rel=1e-6)

@@ -83,7 +83,7 @@ def draw_limb(
         twin = left.twinx()
         twin.plot(time, current, color=CONFIGURED, lw=1.0)
         twin.set_ylabel("current [A]", color=CONFIGURED)
-        left.legend(loc="upper right")
+        left.legend(loc="upper center")
     if ramp is not None:
         elongation, tension = _thin(ramp["elongation"], ramp["tension"])
         right.plot(1e3 * elongation, tension, color=MEASURED, lw=2.0, label="force/torque sensor")
@@ -119,7 +119,8 @@ def draw_overview(rig: Rig, results: Mapping[int, LimbResult]) -> Figure:
         axes.bar(number + 0.2, found, 0.4, color=MEASURED, label="identified")
         axes.set_xticks(number)
         _tidy(axes, "limb", label)
-    panels[0].legend(fontsize=9)
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=2)
     return figure
 
 

@@ -239,10 +239,12 @@ class CommissionServer:
         Raises:
             CommissioningError: with its reason, or if it does not answer.
         """
-        if not self._modes.service_is_ready():
-            raise CommissioningError("no service set_mode: is the supervisor running?")
-        future = self._modes.call_async(SetMode.Request(mode=int(mode)))
         began = time.monotonic()
+        while not self._modes.service_is_ready():
+            if time.monotonic() - began > ANSWER_S:
+                raise CommissioningError("no service set_mode: is the supervisor running?")
+            await self._pause(POLL_S)
+        future = self._modes.call_async(SetMode.Request(mode=int(mode)))
         while not future.done():
             if time.monotonic() - began > ANSWER_S:
                 raise CommissioningError(f"set_mode: no answer within {ANSWER_S:g} s")
