@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from cabols_msgs.action import MeasureReflector, MoveToConfiguration
-from cabols_msgs.msg import Mode, ReflectorMeasurement
+from cabols_msgs.msg import ReflectorMeasurement
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
@@ -21,7 +21,7 @@ from cabols_control.errors import ConfigError
 from cabols_control.modes import OperatingMode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.ros.qos import status_qos
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import RobotError
@@ -50,8 +50,6 @@ class AbbTrackerBridge(ControlNode):
         """
         super().__init__("abb_tracker_bridge")
         self._declare_robot()
-        self._mode: OperatingMode | None = None
-        self.create_subscription(Mode, "mode", self._hear_mode, latched_qos(self.lockstep))
         self._tracker_address = declare(
             self, "tracker_address", "", "host:port of the laser tracker's server; empty: none"
         )
@@ -150,20 +148,18 @@ class AbbTrackerBridge(ControlNode):
         """What ended the stream."""
         return self._stream.failure
 
-    def _hear_mode(self, message: Mode) -> None:
-        self._mode = OperatingMode(message.mode)
-
     def _joints(self) -> list[float]:
         newest = self._stream.newest
         return [] if newest is None else newest.joints.tolist()
 
     def _forbidden(self) -> str:
         """Why the robot may not move in this mode; empty if it may."""
-        if self._mode is None:
+        present = self._stream.mode
+        if present is None:
             return "no mode heard: is the supervisor running?"
-        if self._mode not in MAY_MOVE:
+        if present not in MAY_MOVE:
             allowed = " or ".join(mode.name for mode in MAY_MOVE)
-            return f"the mode is {self._mode.name}, expected {allowed}"
+            return f"the mode is {present.name}, expected {allowed}"
         return ""
 
     def _judge_move(self, request: Any) -> str:

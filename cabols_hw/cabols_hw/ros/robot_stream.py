@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from cabols_control.checks import finite_array
+from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
-from cabols_control.ros.loop import Output
+from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
-from cabols_control.ros.qos import control_qos
+from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_hw.abb.egm import EgmReader, EgmSample
 
 WAIT_S = 0.01
@@ -70,6 +71,7 @@ class RobotStream(GuardedThread):
     Attributes:
         newest: newest sample; None before the first.
         stamp_ns: the time it was published with.
+        mode: newest mode of the rig; None before the first.
     """
 
     def __init__(
@@ -106,8 +108,11 @@ class RobotStream(GuardedThread):
         self._joint_output = node.advertise(
             "joint_states", Output(node, "joint_states", JointState, qos)
         )
+        layout = topics.mode_layout("")
+        self._mode_input = Input(node, "mode", layout, latched_qos(node.lockstep))
         self.newest: EgmSample | None = None
         self.stamp_ns = 0
+        self.mode: OperatingMode | None = None
 
     @property
     def stale(self) -> bool:
@@ -126,6 +131,8 @@ class RobotStream(GuardedThread):
             sample = self._reader.take(WAIT_S)
             if sample is not None:
                 self._publish(sample)
+            if self._mode_input.take():
+                self.mode = OperatingMode(int(self._mode_input.record["mode"]))
             self._report()
 
     def _publish(self, sample: EgmSample) -> None:
