@@ -147,7 +147,9 @@ class RobotStream(GuardedThread):
 
     def _report(self) -> None:
         status, counter = self._node.status, self._reader.counter
-        status.lost, status.late = counter.lost, counter.late
+        status.lost = counter.lost
+        # In lockstep the rig's time runs at a speed of its own: nothing is late.
+        status.late = 0 if self._node.lockstep else counter.late
         if self.newest is None:
             status.cycle(0, WAITING, "")
         elif self.stale:
