@@ -173,6 +173,13 @@ def test_counter_tells_late_lost_twice_and_out_of_order():
     assert counter.late == 1
 
 
+def test_packet_from_before_the_first_makes_no_negative_count():
+    counter = PacketCounter()
+    assert counter.take(5, 0.020, 0.020)
+    assert not counter.take(4, 0.016, 0.021)
+    assert (counter.lost, counter.out_of_order) == (0, 1)
+
+
 def test_controller_that_begins_anew_is_no_late_packet():
     counter = PacketCounter()
     for sequence in (5000, 5001, 0, 1):

@@ -134,8 +134,6 @@ def test_plant_serves_its_robot_and_publishes_no_pose():
         watcher.wait(lambda: device.newest() is not None and watcher.seen["limb_state"], "truth")
         truth = device.newest()
         np.testing.assert_allclose(truth["position"], [0.0, 1.234615, 0.792718], atol=1e-4)
-        stamps = {message.header.stamp.nanosec for message in watcher.seen["limb_state"][:5]}
-        assert len(stamps) > 1
         device.move(1, 0.5)
         watcher.wait(lambda: device.newest()["moving"], "motion")
         assert int(device.newest()["target_index"]) == 1

@@ -187,11 +187,22 @@ def test_missing_controller_is_named():
     assert "wrench_controller, the bridge" in verdict.reason
 
 
-def test_a_nodes_fault_stops_the_rig():
+def test_a_nodes_fault_stops_what_moves():
     core = supervised()
-    core.hear_report("limb_controller", 0.0, False, "tension_command is stale")
+    now_s = load(core, 1.0)
+    core.hear_report("limb_controller", now_s, False, "tension_command is stale")
     assert core.mode == FAULT
     assert core.reason == "limb_controller: tension_command is stale"
+
+
+def test_a_fault_at_rest_keeps_the_rig_there_while_it_lasts():
+    core = supervised()
+    core.hear_state(1.0, READY)
+    core.hear_report("plant", 1.0, False, "sensor_flat: gauge 3")
+    assert core.mode == STOPPED
+    assert core.request(PRETIGHTENING, 1.0).reason == "plant: sensor_flat: gauge 3"
+    core.hear_report("plant", 1.1, True, "")
+    assert core.request(PRETIGHTENING, 1.1).allowed
 
 
 def load(core, now_s):
@@ -249,11 +260,9 @@ def test_a_moving_platform_is_not_pretightened():
 
 def test_echo_of_a_fault_does_not_undo_the_reset():
     core = supervised()
-    core.hear_state(1.0, READY)
-    core.hear_report("plant", 1.0, False, "cable: limb 3")
+    now_s = load(core, 1.0)
+    core.hear_report("plant", now_s, False, "cable: limb 3")
     assert core.mode == FAULT
     assert core.reset().allowed
-    core.hear_report("plant", 1.2, False, "cable: limb 3")
+    core.hear_report("plant", now_s + 0.1, False, "cable: limb 3")
     assert core.mode == STOPPED
-    core.hear_report("plant", 1.7, False, "cable: limb 3")
-    assert core.mode == FAULT

@@ -29,12 +29,14 @@ ROS_ONLY_THERE = {"rclpy", "cabols_msgs"}
 # Module -> key in rosdep's database; ROS packages are keys of their own name.
 ROSDEP_KEY = {
     "bokeh": "python3-bokeh-pip",
+    "google": "python3-protobuf",
     "jinja2": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "psutil": "python3-psutil",
     "pydantic": "python3-pydantic",
+    "requests": "python3-requests",
     "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "yaml": "python3-yaml",
@@ -57,7 +59,8 @@ ROS_PACKAGES = {
     "unique_identifier_msgs",
     *MAY_IMPORT,
 }
-WITHOUT_KEY = {"daqp", "mcap", "quanser", "zstandard"}  # from pip or the vendor: docs/installing.md
+# From pip or the vendor: docs/installing.md.
+WITHOUT_KEY = {"abb_robot_client", "daqp", "mcap", "quanser", "zstandard"}
 
 
 def sources(package: str) -> list[Path]:

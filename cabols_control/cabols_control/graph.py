@@ -234,7 +234,14 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
 
 def rig_graph(record: bool = True) -> list[NodeSpec]:
     """Nodes of a rig with hardware, in starting order: readers first, the clock last."""
-    return [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, ROBOT, BRIDGE]
+    nodes = [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, ROBOT, BRIDGE]
+    return [_with_robot(node) for node in nodes]
+
+
+def _with_robot(node: NodeSpec) -> NodeSpec:
+    """Tell those that behave differently with a robot that there is one."""
+    concerned = node.executable in ("supervisor", "wrench_controller")
+    return node.with_parameters(robot=True) if concerned else node
 
 
 def bench_graph(
@@ -257,10 +264,7 @@ def bench_graph(
     nodes = [*recorder, *CONTROLLERS, LOAD_PROGRAM]
     nodes += _devices(ports or Ports()) if robot else [PLANT]
     if robot:
-        nodes = [
-            node.with_parameters(robot=True) if node.executable == "wrench_controller" else node
-            for node in nodes
-        ]
+        nodes = [_with_robot(node) for node in nodes]
     if not lockstep:
         return nodes
     readers = Counter(topic for node in nodes for topic in node.reads)

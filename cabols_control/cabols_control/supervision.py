@@ -9,9 +9,6 @@ import numpy as np
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.modes import MOVING, Condition, ModeMachine, OperatingMode, Verdict
 
-ECHO_S = 0.5
-"""So long after a reset, at rest, nodes may still report the fault that was reset."""
-
 EMERGENCY = "emergency stop"
 """How the reason of a FAULT begins that came from the service, or a button: everything is cut."""
 
@@ -59,7 +56,7 @@ class Supervision:
         self._entered_s = -np.inf
         self._started = False
         self._reports: dict[str, float] = {}
-        self._reset_s = -np.inf
+        self._complaints: dict[str, str] = {}
         self._platform: FloatArray | None = None
         self._platform_s = -np.inf
         self._platform_speed = 0.0
@@ -118,12 +115,18 @@ class Supervision:
         self._platform, self._platform_s = np.array(position), stamp_s
 
     def hear_report(self, node: str, now_s: float, running: bool, fault: str) -> None:
-        """Take a node's report: whether all its inputs arrive; fault is empty if there is none."""
+        """Take a node's report: whether all its inputs arrive; fault is empty if there is none.
+
+        A fault stops what moves, latched. At rest there is nothing to stop: the fault only keeps
+        the rig from moving while it lasts.
+        """
         if running:
             self._reports[node] = now_s
-        # A report that was under way when the rig was reset is not a new fault.
-        echo = self.mode == OperatingMode.STOPPED and now_s - self._reset_s < ECHO_S
-        if fault and not echo:
+        if not fault:
+            self._complaints.pop(node, None)
+            return
+        self._complaints[node] = fault
+        if self.mode in MOVING:
             self._machine.fault(f"{node}: {fault}")
 
     def check_silence(self, now_s: float) -> None:
@@ -138,6 +141,9 @@ class Supervision:
             silent = self._silent(now_s)
             if silent:
                 return Verdict(False, f"no report from {', '.join(silent)}: not running?")
+            for node, complaint in self._complaints.items():
+                if self.mode != OperatingMode.FAULT:
+                    return Verdict(False, f"{node}: {complaint}")
         zeroed = self._zeroed
         # The bridge forgets the old zeros when it hears of the mode: older news do not count.
         young = not self._newest_s - self._entered_s >= FORGET_S
@@ -155,7 +161,6 @@ class Supervision:
 
     def reset(self) -> Verdict:
         """Leave FAULT for STOPPED; the automatic sequence does not start again."""
-        self._reset_s = self._newest_s
         return self._machine.reset()
 
     def _fresh(self, now_s: float) -> bool:

@@ -30,6 +30,9 @@ class SupervisorNode(ControlNode):
     def __init__(self) -> None:
         """Advertise mode and the services."""
         super().__init__("supervisor")
+        needed = SupervisionConfig.controllers
+        if declare(self, "robot", False, "a robot carries the platform: its bridge must run, too"):
+            needed = (*needed, "abb_tracker_bridge")
         config = SupervisionConfig(
             auto_start=declare(
                 self, "auto_start", False, "pre-tighten and go to LOADING without being asked"
@@ -39,7 +42,7 @@ class SupervisorNode(ControlNode):
             ),
             unloaded_tension=1.7 * self.rig.limbs.switch_tension,
             # In lockstep the clock itself waits for the controllers.
-            controllers=() if self.lockstep else SupervisionConfig.controllers,
+            controllers=() if self.lockstep else needed,
             bridges=() if self.lockstep else SupervisionConfig.bridges,
         )
         self._core = Supervision(config)

@@ -72,7 +72,9 @@ class PacketCounter:
         elif behind >= 0:
             self.duplicates += behind == 0
             self.out_of_order += behind > 0
-            self.lost -= behind > 0
+            if behind > 0:
+                # It was counted as lost, unless it came before the first, or twice.
+                self.lost = max(self.lost - 1, 0)
             return False
         if self.newest >= 0:
             self.lost += sequence - self.newest - 1

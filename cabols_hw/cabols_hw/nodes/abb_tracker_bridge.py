@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from cabols_msgs.action import MeasureReflector, MoveToConfiguration
-from cabols_msgs.msg import Mode, ReflectorMeasurement
+from cabols_msgs.msg import ReflectorMeasurement
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
@@ -21,7 +21,7 @@ from cabols_control.errors import ConfigError
 from cabols_control.modes import OperatingMode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.ros.qos import status_qos
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import RobotError
@@ -52,8 +52,6 @@ class AbbTrackerBridge(ControlNode):
         """
         super().__init__("abb_tracker_bridge")
         speed = self._declare_robot()
-        self._mode: OperatingMode | None = None
-        self.create_subscription(Mode, "mode", self._hear_mode, latched_qos(self.lockstep))
         self._tracker_address = declare(
             self, "tracker_address", "", "host:port of the laser tracker's server; empty: none"
         )
@@ -68,7 +66,6 @@ class AbbTrackerBridge(ControlNode):
         )
         self._ending = False
         self._motion: Worker | None = None
-        self._halting: Worker | None = None
         self._measurement: Worker | None = None
         self._servers = [
             self._serve(MoveToConfiguration, "move_to_configuration", self._judge_move, self._move),
@@ -107,6 +104,7 @@ class AbbTrackerBridge(ControlNode):
             self, "robot_clock", False, "stamps are the controller's time: simulation only"
         )
         self._stream = RobotStream(self, self._reader, base, stale, robot_clock)
+        self._stream.on_fault = lambda: Worker(self._halt)
         self._robot_clock = robot_clock
         return speed
 
@@ -164,14 +162,10 @@ class AbbTrackerBridge(ControlNode):
         """What ended the stream."""
         return self._stream.failure
 
-    def _hear_mode(self, message: Mode) -> None:
-        before, self._mode = self._mode, OperatingMode(message.mode)
-        entered = self._mode == OperatingMode.FAULT and before not in (None, self._mode)
-        if entered and self._motion is None:
-            # Also a motion that was begun elsewhere must end; one of our own ends by itself.
-            self._halting = Worker(self._halt)
-
     def _halt(self) -> None:
+        """Stop a motion that somebody else may have begun; one of our own ends by itself."""
+        if self._motion is not None:
+            return
         mover = RobotMover(self._url, self._user, self._password)
         try:
             mover.abort()
@@ -186,11 +180,12 @@ class AbbTrackerBridge(ControlNode):
 
     def _forbidden(self) -> str:
         """Why the robot may not move in this mode; empty if it may."""
-        if self._mode is None:
+        present = self._stream.mode
+        if present is None:
             return "no mode heard: is the supervisor running?"
-        if self._mode not in MAY_MOVE:
+        if present not in MAY_MOVE:
             allowed = " or ".join(mode.name for mode in MAY_MOVE)
-            return f"the mode is {self._mode.name}, expected {allowed}"
+            return f"the mode is {present.name}, expected {allowed}"
         return ""
 
     def _judge_move(self, request: Any) -> str:

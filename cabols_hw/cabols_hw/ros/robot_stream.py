@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from rclpy.serialization import serialize_message
@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from cabols_control.checks import finite_array
+from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
-from cabols_control.ros.loop import Output
+from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
-from cabols_control.ros.qos import control_qos
+from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
 
 WAIT_S = 0.01
@@ -70,6 +71,7 @@ class RobotStream(GuardedThread):
     Attributes:
         newest: newest sample; None before the first.
         stamp_ns: the time it was published with.
+        mode: newest mode of the rig; None before the first.
     """
 
     def __init__(
@@ -92,7 +94,9 @@ class RobotStream(GuardedThread):
         super().__init__(node.context, "robot_stream")
         self._node = node
         self._reader = reader
-        self._quality = StreamQuality(reader.counter)
+        # In lockstep the rig's time runs at a speed of its own: nothing is late.
+        late = np.inf if node.lockstep else 0.6
+        self._quality = StreamQuality(reader.counter, late=late)
         self._base = base
         self._stale_after_s = stale_after_s
         self._stale = f"robot: no EGM packet for {stale_after_s:g} s"
@@ -107,8 +111,12 @@ class RobotStream(GuardedThread):
         self._joint_output = node.advertise(
             "joint_states", Output(node, "joint_states", JointState, qos)
         )
+        layout = topics.mode_layout("")
+        self._mode_input = Input(node, "mode", layout, latched_qos(node.lockstep))
         self.newest: EgmSample | None = None
         self.stamp_ns = 0
+        self.mode: OperatingMode | None = None
+        self.on_fault: Callable[[], object] = lambda: None
 
     def platform(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the newest pose: position (3,) [m], rotation (3, 3) to the rig's base axes."""
@@ -132,7 +140,14 @@ class RobotStream(GuardedThread):
             sample = self._reader.take(WAIT_S)
             if sample is not None:
                 self._publish(sample)
+            if self._mode_input.take():
+                self._hear_mode()
             self._report()
+
+    def _hear_mode(self) -> None:
+        before, self.mode = self.mode, OperatingMode(int(self._mode_input.record["mode"]))
+        if self.mode == OperatingMode.FAULT and before not in (None, self.mode):
+            self.on_fault()
 
     def _publish(self, sample: EgmSample) -> None:
         began = time.monotonic()
@@ -146,7 +161,8 @@ class RobotStream(GuardedThread):
 
     def _report(self) -> None:
         status, counter = self._node.status, self._reader.counter
-        status.lost, status.late = counter.lost, counter.late
+        status.lost = counter.lost
+        status.late = 0 if self._node.lockstep else counter.late
         trouble = self._quality.look()
         if self.newest is None:
             status.cycle(0, WAITING, "")

@@ -182,6 +182,7 @@ class RobotTarget:
             motion.stop()
         motion.advance_into(dt_s, self.encoders, self.joint_speed)
         if motion.finished:
-            self._motion = None
+            # In this order: who reads in another thread must not take a stop for an arrival.
             if not motion.arrived:
                 self.target_index = NOWHERE
+            self._motion = None
