@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from cabols_control.bags.definitions import Definitions, parse_definition
+from cabols_control.bags.definitions import Definitions, parse_definition, verified
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.gaps import Gaps
 from cabols_control.bags.metadata import OfferedQos
@@ -297,6 +297,21 @@ def test_damage_anywhere_never_surprises(tmp_path_factory, store, data):
         assert saved.messages <= 46
         with AnyReader([folder]) as reader:
             assert reader.message_count == saved.messages
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        Definitions().get(WRENCH).text.replace("float64 x", "float32 x", 1),
+        Definitions().get(WRENCH).text.replace("float64 y", "float64 v", 1),
+        "no definition",
+    ],
+)
+def test_a_damaged_definition_is_told_by_its_hash(text):
+    good = Definitions().get(WRENCH)
+    assert verified(good) is good
+    assert text != good.text
+    assert verified(dataclasses.replace(good, text=text)) == good
 
 
 def test_a_damaged_chunk_in_the_middle_costs_only_itself(tmp_path, store):

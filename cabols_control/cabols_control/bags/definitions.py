@@ -111,3 +111,23 @@ def parse_definition(type_name: str, text: str) -> dict[str, Any]:
             f"{type_name}: expected its definition in the bag, got text that is none ({error}); "
             "record it with cabols or `ros2 bag`"
         ) from error
+
+
+def verified(definition: Definition) -> Definition:
+    """Return a definition whose text and hash agree; of a damaged one the installed type's.
+
+    A single damaged byte in the text may leave a definition that can be read, and is wrong: the
+    hash tells. If the type is not installed either, the text counts, with its own hash.
+    """
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(parse_definition(definition.type_name, definition.text))
+        type_hash = str(store.hash_rihs01(definition.type_name))
+    except (BagError, TypesysError, KeyError):
+        return Definitions().get(definition.type_name)
+    if type_hash == definition.type_hash:
+        return definition
+    try:
+        return Definitions().get(definition.type_name)
+    except BagError:
+        return Definition(definition.type_name, definition.text, type_hash)

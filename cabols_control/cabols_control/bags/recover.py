@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from cabols_control.bags.definitions import verified
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.metadata import (
     FILE_NAME,
@@ -117,7 +118,8 @@ def _copy(scan: Scan, file: McapFile) -> int:
     def channel_of(number: int) -> int:
         if number not in channels:
             info = scan.channels[number]
-            channels[number] = file.add_channel(info.topic, info.definition, info.qos_text)
+            definition = verified(info.definition)
+            channels[number] = file.add_channel(info.topic, definition, info.qos_text)
         return channels[number]
 
     for message in scan.messages():

@@ -188,6 +188,10 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
             executor.spin_once(timeout_sec=0.2)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:
+        # A signal may end the context while the executor is about to use it.
+        if node.context.ok():
+            raise
     finally:
         node.end()
         failure = node.failure

@@ -1,0 +1,151 @@
+"""Executable fault_campaign: every fault, many times, in the loaded simulated rig.
+
+Goes on where it was interrupted; build/faults/trials.jsonl keeps every trial.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+from cabols_sim.bench_run import isolated_environment, run_bench, two_cores
+from cabols_sim.fault_campaign.kinds import KINDS, Kind
+from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
+from cabols_sim.ros.fault_trials import Trials
+from cabols_sim.ros.rig_watch import RigError, RigWatch
+
+ATTEMPTS = 3
+"""A trial whose rig could not be loaded, or was disturbed before the fault, is tried so often."""
+
+
+class Campaign:
+    """Runs what is left to do while the graph runs."""
+
+    def __init__(self, options: argparse.Namespace, todo: list[tuple[Kind, int]]) -> None:
+        """Plan; the folder exists."""
+        self._options = options
+        self._todo = todo
+        self._log = options.output / "trials.jsonl"
+        self.failure = ""
+
+    def body(self, domain: int, pids: dict[str, int]) -> None:
+        """Do the trials, then end the graph."""
+        watch = RigWatch(domain)
+        trials = Trials(watch, pids, self._options.speed, self._options.output)
+        began = time.monotonic()
+        try:
+            watch.wait(lambda: watch.now_s > 0.0, "the rig's first sample", 120.0)
+            time.sleep(2.0)
+            for number, (kind, seed) in enumerate(self._todo, start=1):
+                self._trial(trials, kind, seed)
+                rate = (time.monotonic() - began) / number
+                left = rate * (len(self._todo) - number)
+                print(f"  {number}/{len(self._todo)}, {left / 60.0:.0f} min left", flush=True)
+        except RigError as error:
+            self.failure = str(error)
+        finally:
+            watch.close()
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    def _trial(self, trials: Trials, kind: Kind, seed: int) -> None:
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                result = trials.run(kind, seed)
+            except RigError as error:
+                print(f"{kind.name}, seed {seed}: {error}", flush=True)
+                if attempt == ATTEMPTS:
+                    raise
+                continue
+            with self._log.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({**result.as_dict(), "disturbed": attempt - 1}) + "\n")
+            found = (
+                f"{1e3 * result.detection_time_s:.0f} ms, safe after "
+                f"{1e3 * result.safe_time_s:.0f} ms, {result.detection}"
+                if result.detected
+                else "NOT DETECTED"
+            )
+            print(f"{kind.name}, seed {seed}: {found}", flush=True)
+            return
+
+
+def main() -> int:
+    """Run the campaign; 0 if its claims hold, 1 if not, 130 after Ctrl-C."""
+    options = _arguments()
+    options.output.mkdir(parents=True, exist_ok=True)
+    log = options.output / "trials.jsonl"
+    if options.fresh:
+        log.unlink(missing_ok=True)
+    kinds = [kind for kind in KINDS if not options.only or options.only in kind.name]
+    done = {(trial["kind"], trial["seed"]) for trial in read_trials(log)}
+    todo = [
+        (kind, seed)
+        for seed in range(options.seeds)
+        for kind in kinds
+        if (kind.name, seed) not in done
+    ]
+    campaign = Campaign(options, todo)
+    if todo:
+        print(f"fault campaign: {len(todo)} trials, rig at {options.speed:g} of real time")
+        if not _run(options, campaign):
+            print(f"interrupted; the trials done are in {log}")
+            return 130
+    summary = summarise(read_trials(log), [kind.name for kind in KINDS])
+    (options.output / "faults.json").write_text(json.dumps(summary, indent=2) + "\n", "utf-8")
+    print(text(summary))
+    print(f"  {options.output / 'faults.json'}")
+    if campaign.failure:
+        print(f"error: {campaign.failure}", file=sys.stderr)
+        return 1
+    return 0 if holds(summary) else 1
+
+
+def _run(options: argparse.Namespace, campaign: Campaign) -> bool:
+    """Run the graph and the campaign beside it; False after Ctrl-C."""
+    environment = isolated_environment()
+    finished = threading.Event()
+
+    def start(pids: dict[str, int]) -> None:
+        def body() -> None:
+            campaign.body(int(environment["ROS_DOMAIN_ID"]), pids)
+            finished.set()
+
+        threading.Thread(target=body, daemon=True).start()
+
+    log = options.output / "log"
+    values = {
+        "robot": True,
+        "record": False,
+        "truth": True,
+        "speed": options.speed,
+        "stale_after": 0.05 / options.speed,
+        **two_cores(),
+    }
+    run_bench(values, lambda *_: None, log, environment, start, respawn=True)
+    return finished.wait(10.0)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="fault_campaign", description=__doc__)
+    add = parser.add_argument
+    add("--output", type=Path, default=Path("build/faults"), help="folder (default: %(default)s)")
+    add("--seeds", type=int, default=20, help="trials of each kind (default: %(default)s)")
+    add("--only", default="", help="only kinds whose name contains this")
+    add("--fresh", action="store_true", help="forget the trials done so far")
+    add(
+        "--speed",
+        type=float,
+        default=0.3,
+        help="of the rig's time: slow motion keeps this computer's stalls out of the watchdogs of "
+        "10 ms (default: %(default)s)",
+    )
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

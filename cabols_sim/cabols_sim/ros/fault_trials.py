@@ -1,0 +1,140 @@
+"""Runs the trials of the fault campaign on the real graph, one after the other."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cabols_control.modes import OperatingMode
+from cabols_control.programs import CSV_HEADER
+from cabols_sim.fault_campaign.judgement import Report, TrialResult, judge
+from cabols_sim.fault_campaign.kinds import Kind
+from cabols_sim.ros.rig_watch import RigError, RigWatch
+
+LOAD_N = 100.0
+"""The force under which everything goes wrong, in a random direction, with 2 N m about it."""
+TORQUE_NM = 2.0
+DETECT_S = 2.0
+"""Rig's time until a fault counts as undetected."""
+AFTER_S = 0.4
+"""Rig's time that is watched after detection."""
+FROZEN_S = 1.0
+"""Wall time for which a process is frozen at least."""
+
+
+class Trials:
+    """One rig, many trials."""
+
+    def __init__(self, watch: RigWatch, pids: dict[str, int], speed: float, folder: Path) -> None:
+        """Use a running graph.
+
+        Args:
+            watch: sees and commands it.
+            pids: process ids by executable, kept up to date by who starts them again.
+            speed: of the rig's time in real time's.
+            folder: for the load programmes.
+        """
+        self._watch = watch
+        self._pids = pids
+        self._speed = speed
+        self._folder = folder
+
+    def run(self, kind: Kind, seed: int) -> TrialResult:
+        """Load the rig, let it happen, watch.
+
+        Raises:
+            RigError: if the rig could not be loaded: the trial says nothing then.
+        """
+        random = np.random.default_rng([seed, *kind.name.encode()])
+        watch = self._watch
+        handle = self._load(random)
+        time.sleep(random.uniform(0.0, 0.2))
+        if watch.reports:
+            raise RigError(f"disturbed before the fault: {watch.reports[0].reason}")
+        limb = kind.pick_limb(random, watch.tension)
+        fault_s = self._strike(kind, limb, kind.value(random), handle)
+        self._watch_out(kind, fault_s)
+        data = watch.trial(fault_s)
+        self._mend(kind)
+        return judge(kind.name, seed, data)
+
+    def _load(self, random: np.random.Generator) -> Any:
+        """Bring the rig under load from whatever state it is in."""
+        watch = self._watch
+        watch.inject("none")
+        watch.bring_to(OperatingMode.STOPPED)
+        watch.bring_to(OperatingMode.PRETIGHTENING)
+        watch.bring_to(OperatingMode.LOADING)
+        direction = random.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        wrench = np.concatenate([LOAD_N * direction, TORQUE_NM * direction])
+        handle = watch.run_program(str(self._programme(wrench)))
+        scale = np.array([5.0] * 3 + [0.5] * 3)
+        watch.wait(
+            lambda: bool((np.abs(watch.wrench - wrench) < scale).all()),
+            f"the load {wrench.round(1)}",
+            20.0 / self._speed,
+        )
+        watch.forget()
+        time.sleep(0.1 / self._speed)
+        return handle
+
+    def _programme(self, wrench: np.ndarray) -> Path:
+        path = self._folder / "load.csv"
+        rows = [[0.0, *np.zeros(6)], [0.4 / self._speed, *wrench], [600.0, *wrench]]
+        lines = [",".join(CSV_HEADER), *(",".join(f"{x:.6f}" for x in row) for row in rows)]
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return path
+
+    def _strike(self, kind: Kind, limb: int, value: float, handle: Any) -> float:
+        """Let it happen; return the rig's time of it."""
+        watch = self._watch
+        if kind.how == "inject" and kind.fault == "egm_bad":
+            watch.inject("egm_loss", value=0.3)
+            fault_s = watch.inject("egm_delay", value=0.05)
+        elif kind.how == "inject":
+            fault_s = watch.inject(kind.fault, limb, value)
+        elif kind.how == "beam":
+            fault_s = watch.inject("beam")
+            reason = watch.measure()
+            if reason:
+                watch.complain(Report(watch.now_s, "abb_tracker_bridge", reason, False))
+        elif kind.how in ("kill", "freeze"):
+            fault_s = watch.now_s
+            number = signal.SIGKILL if kind.how == "kill" else signal.SIGSTOP
+            os.kill(self._pids[kind.fault], number)
+        else:
+            fault_s = watch.now_s
+        if kind.demand is not None:
+            with suppress(RigError):
+                watch.cancel(handle)
+        return fault_s
+
+    def _watch_out(self, kind: Kind, fault_s: float) -> None:
+        """Wait for detection, then a little more; a frozen process goes on in between."""
+        watch, began = self._watch, time.monotonic()
+        give_up = began + DETECT_S / self._speed
+        while not watch.reports and time.monotonic() < give_up:
+            if kind.demand is not None:
+                watch.demand(np.array(kind.demand))
+            time.sleep(0.002)
+        if kind.how == "freeze":
+            time.sleep(max(0.0, began + FROZEN_S - time.monotonic()))
+            with suppress(ProcessLookupError):
+                os.kill(self._pids[kind.fault], signal.SIGCONT)
+        if kind.how == "kill" and kind.fault == "plant":
+            return
+        now_s = max(watch.now_s, fault_s)
+        with suppress(RigError):
+            watch.wait(lambda: watch.now_s > now_s + AFTER_S, "more samples", 10.0)
+
+    def _mend(self, kind: Kind) -> None:
+        """Wait until a killed process is there again."""
+        if kind.how == "kill":
+            time.sleep(0.5)

@@ -1,0 +1,256 @@
+"""A rig seen from outside: its topics kept, its services and actions called."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+import rclpy
+from cabols_msgs.action import MeasureReflector, RunProgram
+from cabols_msgs.msg import LimbState, LoopStatus, Mode
+from cabols_msgs.srv import InjectFault, SetMode
+from geometry_msgs.msg import WrenchStamped
+from rclpy.action import ActionClient
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+from cabols_control.checks import FloatArray
+from cabols_control.errors import CabolsError
+from cabols_control.modes import OperatingMode
+from cabols_control.ros import topics
+from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_sim.fault_campaign.judgement import Report, TrialData
+
+DEPTH = 5000
+"""The watcher must see every sample, also when it is late itself."""
+
+
+class RigError(CabolsError):
+    """The rig did not do what was asked, in time."""
+
+
+def _seconds(message: Any) -> float:
+    return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
+
+
+class RigWatch:
+    """Watches a simulated rig that publishes its truth.
+
+    Attributes:
+        mode: newest mode; None before the first.
+        mode_reason: why it was entered.
+    """
+
+    def __init__(self, domain: int) -> None:
+        """Join a DDS domain."""
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = rclpy.create_node(
+            "rig_watch", namespace=topics.NAMESPACE, context=self._context
+        )
+        self._lock = threading.Lock()
+        self._states: list[LimbState] = []
+        self._wrenches: list[WrenchStamped] = []
+        self._reports: list[Report] = []
+        self._zeroed = False
+        self._heard: dict[str, str] = {}
+        self.mode: OperatingMode | None = None
+        self.mode_reason = ""
+        quick = control_qos(lockstep=False)
+        quick.depth = DEPTH
+        subscribe = self._node.create_subscription
+        subscribe(LimbState, "true_limb_state", self._hear_state, quick)
+        subscribe(WrenchStamped, "true_wrench", self._hear_wrench, quick)
+        subscribe(LoopStatus, "loop_status", self._hear_status, status_qos())
+        subscribe(Mode, "mode", self._hear_mode, latched_qos(lockstep=False))
+        self._desired = self._node.create_publisher(
+            WrenchStamped, "desired_wrench", control_qos(lockstep=False)
+        )
+        self._set_mode = self._node.create_client(SetMode, "set_mode")
+        self._reset = self._node.create_client(Trigger, "reset")
+        self._inject = self._node.create_client(InjectFault, "inject_fault")
+        self._program = ActionClient(self._node, RunProgram, "run_program")
+        self._measure = ActionClient(self._node, MeasureReflector, "measure_reflector")
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            while self._context.ok():
+                self._executor.spin_once(timeout_sec=0.2)
+
+    def close(self) -> None:
+        """Leave."""
+        self._context.try_shutdown()
+        self._thread.join(timeout=5.0)
+        self._node.destroy_node()
+
+    def _hear_state(self, message: LimbState) -> None:
+        with self._lock:
+            self._states.append(message)
+
+    def _hear_wrench(self, message: WrenchStamped) -> None:
+        with self._lock:
+            self._wrenches.append(message)
+
+    def _hear_status(self, message: LoopStatus) -> None:
+        fault = message.state == LoopStatus.FAULT
+        new = message.reason != self._heard.get(message.node, "")
+        self._heard[message.node] = message.reason
+        if new and message.reason:
+            with self._lock:
+                self._reports.append(Report(_seconds(message), message.node, message.reason, fault))
+
+    def _hear_mode(self, message: Mode) -> None:
+        before, self.mode = self.mode, OperatingMode(message.mode)
+        self.mode_reason = message.reason
+        if self.mode == OperatingMode.FAULT and before != self.mode:
+            with self._lock:
+                self._reports.append(Report(_seconds(message), "supervisor", message.reason, True))
+
+    def forget(self) -> None:
+        """Forget what was seen so far, but the newest."""
+        with self._lock:
+            self._states, self._wrenches = self._states[-1:], self._wrenches[-1:]
+            self._reports = []
+
+    @property
+    def now_s(self) -> float:
+        """Stamp of the newest state [s]; 0 before the first."""
+        with self._lock:
+            return _seconds(self._states[-1]) if self._states else 0.0
+
+    @property
+    def tension(self) -> FloatArray:
+        """(n,) newest true tensions [N]."""
+        with self._lock:
+            return np.array(self._states[-1].tension) if self._states else np.zeros(0)
+
+    @property
+    def wrench(self) -> FloatArray:
+        """(6,) newest true wrench [N, N m]."""
+        with self._lock:
+            return _wrench(self._wrenches[-1]) if self._wrenches else np.full(6, np.nan)
+
+    @property
+    def reports(self) -> list[Report]:
+        """What nodes complained of."""
+        with self._lock:
+            return list(self._reports)
+
+    def trial(self, fault_s: float) -> TrialData:
+        """Return what was seen from an instant on."""
+        with self._lock:
+            states = [m for m in self._states if _seconds(m) >= fault_s]
+            wrenches = [m for m in self._wrenches if _seconds(m) >= fault_s]
+            reports = tuple(self._reports)
+        n = len(self._states[-1].tension) if self._states else 0
+        return TrialData(
+            fault_s,
+            np.array([_seconds(m) for m in states]),
+            np.array([m.tension for m in states]).reshape(len(states), n),
+            np.array([m.current for m in states]).reshape(len(states), n),
+            np.array([_wrench(m) for m in wrenches]).reshape(len(wrenches), 6),
+            reports,
+        )
+
+    def wait(self, condition: Callable[[], bool], what: str, seconds: float) -> None:
+        """Wait for a condition.
+
+        Raises:
+            RigError: after `seconds`, naming what was waited for and the rig's mode.
+        """
+        give_up = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > give_up:
+                mode = self.mode.name if self.mode is not None else "unknown"
+                raise RigError(
+                    f"waited {seconds:g} s in vain for {what}; mode {mode}: {self.mode_reason}"
+                )
+            time.sleep(0.002)
+
+    def call(self, client: Any, request: Any, seconds: float = 10.0) -> Any:
+        """Call a service; RigError if it is not there or does not answer."""
+        if not client.wait_for_service(timeout_sec=seconds):
+            raise RigError(f"no service {client.srv_name} within {seconds:g} s")
+        future = client.call_async(request)
+        self.wait(future.done, f"the answer of {client.srv_name}", seconds)
+        return future.result()
+
+    def inject(self, fault: str, limb: int = -1, value: float = 0.0) -> float:
+        """Inject a fault; return the plant's time of it [s]."""
+        request = InjectFault.Request(fault=fault, limb=limb, value=value)
+        answer = self.call(self._inject, request)
+        if not answer.success:
+            raise RigError(answer.message)
+        return float(answer.message.rpartition(" at ")[2].removesuffix(" s"))
+
+    def bring_to(self, mode: OperatingMode, seconds: float = 60.0) -> None:
+        """Ask for a mode until it is granted and reached, resetting a FAULT before."""
+        said = [""]
+
+        def there() -> bool:
+            if self.mode == mode:
+                return True
+            if self.mode == OperatingMode.FAULT:
+                self.call(self._reset, Trigger.Request())
+            elif self.mode != OperatingMode.UNLOADING:
+                said[0] = self.call(self._set_mode, SetMode.Request(mode=int(mode))).message
+            time.sleep(0.05)
+            return False
+
+        try:
+            self.wait(there, f"{mode.name}", seconds)
+        except RigError as error:
+            raise RigError(f"{error}; last answer: {said[0]}") from error
+
+    def run_program(self, path: str, seconds: float = 20.0) -> Any:
+        """Start a load programme; return the goal's handle."""
+        if not self._program.wait_for_server(timeout_sec=seconds):
+            raise RigError(f"no action run_program within {seconds:g} s")
+        future = self._program.send_goal_async(RunProgram.Goal(program=path))
+        self.wait(future.done, "run_program's acceptance", seconds)
+        handle = future.result()
+        if not handle.accepted:
+            raise RigError(f"run_program refused {path}")
+        return handle
+
+    def cancel(self, handle: Any, seconds: float = 10.0) -> None:
+        """Cancel a goal."""
+        future = handle.cancel_goal_async()
+        self.wait(future.done, "the cancellation", seconds)
+
+    def demand(self, wrench: FloatArray) -> None:
+        """Publish one desired wrench (6,), base axes."""
+        message = WrenchStamped()
+        message.header.frame_id = "rig_base"
+        force, torque = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, wrench)
+        self._desired.publish(message)
+
+    def measure(self, seconds: float = 60.0) -> str:
+        """Measure reflector 0; return why it failed, empty if it did not."""
+        if not self._measure.wait_for_server(timeout_sec=seconds):
+            raise RigError(f"no action measure_reflector within {seconds:g} s")
+        future = self._measure.send_goal_async(MeasureReflector.Goal(reflector=0, search=True))
+        self.wait(future.done, "measure_reflector's acceptance", seconds)
+        result = future.result().get_result_async()
+        self.wait(result.done, "the measurement", seconds)
+        answer = result.result().result
+        return "" if answer.success else str(answer.message)
+
+    def complain(self, report: Report) -> None:
+        """Note what was learned in another way than by loop_status."""
+        with self._lock:
+            self._reports.append(report)
+
+
+def _wrench(message: WrenchStamped) -> FloatArray:
+    force, torque = message.wrench.force, message.wrench.torque
+    return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
