@@ -43,7 +43,6 @@ def limb_of(bench, which):
     [
         ("cable_break", HIGH, 0.0, "cable", 0.02),
         ("switch_open", HIGH, 0.0, "switch", 0.02),
-        ("switch_closed", LOW, 0.0, "switch", 0.15),
         ("encoder_jump", HIGH, 0.0, "encoder", 0.003),
         ("encoder_jump", LOW, -0.003, "encoder", 0.003),
         ("amplifier_offset", HIGH, 1.0, "motion", 0.08),
@@ -83,6 +82,52 @@ def test_injected_fault_is_found_and_safe(loaded, kind, which, value, name, with
         assert tension[-1][others].max() < 20.0, "unloaded"
     else:
         assert not loaded.guard.unloading.active
+
+
+@pytest.mark.parametrize("limb", [0, 5])
+def test_switch_stuck_closed_is_found_at_the_next_pretightening(loaded, limb):
+    loaded.plant.inject("switch_closed", limb)
+    loaded.desired[:] = 0.0
+    loaded.run(0.5)
+    assert loaded.guard.fault is None, "nothing depends on it under load"
+    loaded.mode = OperatingMode.PRETIGHTENING
+    began_s = loaded.now_s
+    while loaded.guard.fault is None and loaded.now_s < began_s + 10.0:
+        loaded.step()
+    assert loaded.guard.fault.name == "switch"
+    assert loaded.guard.fault.limb == limb
+    assert "closed after paying out 100 mm" in loaded.guard.fault.reason
+
+
+@pytest.mark.parametrize("limb", [1, 6])
+def test_switch_stuck_open_does_not_overload_in_pretightening(loaded, limb):
+    loaded.desired[:] = 0.0
+    loaded.run(0.5)
+    loaded.plant.inject("switch_open", limb)
+    loaded.mode = OperatingMode.PRETIGHTENING
+    began_s = loaded.now_s
+    while loaded.guard.fault is None and loaded.now_s < began_s + 10.0:
+        loaded.step()
+    assert loaded.guard.fault.name == "switch"
+    assert loaded.guard.fault.limb == limb
+    loaded.run(0.3)
+    _, tension, _ = loaded.since(began_s)
+    assert tension.max() < 60.0
+
+
+def test_pretightening_after_a_cut_is_no_fault(loaded):
+    loaded.plant.inject("encoder_jump", 2)
+    loaded.run(0.1)
+    assert loaded.guard.fault.name == "encoder"
+    assert np.linalg.norm(loaded.plant.wrench[:3]) > 60.0, "the gears hold the load"
+    loaded.plant.inject("none")
+    loaded.mode = OperatingMode.STOPPED
+    loaded.run(0.05)
+    loaded.mode = OperatingMode.PRETIGHTENING
+    loaded.run(4.0)
+    assert loaded.guard.fault is None
+    assert loaded.bridge.zeroed.all()
+    assert loaded.plant.tension.max() < 12.0
 
 
 def test_motor_jam_is_found_when_the_load_changes(loaded):
@@ -147,7 +192,7 @@ def test_current_at_its_limit_for_long(loaded):
     bridge, guard = loaded.bridge, loaded.guard
     limb = limb_of(loaded, LOW)
     # The motor is blocked, so that only the rule about time at the limit can act first.
-    guard.safety._limb_limits[8] = 100.0
+    guard.safety._limb_limits[6] = 100.0
     loaded.plant.inject("motor_jam", limb)
     loaded.controllers_alive = False
     current = np.zeros(8)

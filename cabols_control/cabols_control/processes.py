@@ -21,7 +21,6 @@ from cabols_control.graph import NodeSpec
 
 PR_SET_PDEATHSIG = 1
 GRACE_S = 3.0
-RESPAWN_S = 0.2
 _LIBC = ctypes.CDLL(None)
 
 
@@ -73,7 +72,7 @@ def run(
     log_folder: Path | None = None,
     on_start: Callable[[dict[str, int]], None] | None = None,
     keep_going: bool = False,
-    respawn: bool = False,
+    respawn_s: float | None = None,
 ) -> Ended:
     """Run nodes until the first ends or the user interrupts, then end all.
 
@@ -82,16 +81,16 @@ def run(
         environment: variables to add.
         on_line: called with (node, line) for every line of output; default prints them.
         log_folder: keep each node's output there, as <node>.log.
-        on_start: called with the process ids once all have started; with respawn the same dict is
-            kept up to date.
+        on_start: called with the process ids once all have started; with respawn_s the same dict
+            is kept up to date.
         keep_going: run on when a node ends, until the user interrupts.
-        respawn: start a node again when it ends; implies keep_going.
+        respawn_s: start a node again so long after it has ended; implies keep_going [s].
 
     Returns:
         How it ended.
     """
     output = (on_line or _print_line, log_folder)
-    return asyncio.run(_run(nodes, environment or {}, *output, on_start, keep_going, respawn))
+    return asyncio.run(_run(nodes, environment or {}, *output, on_start, keep_going, respawn_s))
 
 
 def _print_line(name: str, line: str) -> None:
@@ -111,7 +110,7 @@ async def _run(
     log_folder: Path | None,
     on_start: Callable[[dict[str, int]], None] | None,
     keep_going: bool,
-    respawn: bool,
+    respawn_s: float | None,
 ) -> Ended:
     if log_folder is not None:
         log_folder.mkdir(parents=True, exist_ok=True)
@@ -143,17 +142,17 @@ async def _run(
     async def keep(name: str, command: list[str]) -> None:
         while True:
             await processes[name].wait()
-            await asyncio.sleep(RESPAWN_S)
+            await asyncio.sleep(respawn_s or 0.0)
             await start(name, command)
 
     try:
         for name, command in commands:
             await start(name, command)
-        if respawn:
+        if respawn_s is not None:
             keepers = [asyncio.create_task(keep(*item)) for item in commands]
         if on_start is not None:
             on_start(pids)
-        if keep_going or respawn:
+        if keep_going or respawn_s is not None:
             await interrupted.wait()
         else:
             first, code = await _first_end(processes, interrupted)

@@ -120,12 +120,11 @@ class SafetyEnvelope:
                 config.tension_max,
                 config.cable_tension,
                 config.cable_time,
-                config.switch_tension,
-                config.switch_time,
                 current_limit,
                 config.current_saturated,
                 config.motion_current,
                 config.motion_time,
+                config.switch_payout,
             ]
         )
         self._estimate_limits = np.array(
@@ -134,6 +133,9 @@ class SafetyEnvelope:
         self._last_wound = np.zeros(n)
         self._last_speed = np.full(n, np.nan)
         self._observed = np.zeros(n)
+        self._began = np.full(n, np.nan)
+        self._pretightening = False
+        self._lowest_force = np.inf
         self._since = np.zeros((rules.SINCE_ROWS, n))
         self._since_apart = np.zeros(1)
         self._last_volts = np.full(6, np.nan)
@@ -196,6 +198,7 @@ class SafetyEnvelope:
                     f"{1e3 * dt_s:.0f} ms without a sample, "
                     f"{1e3 * self._config.state_age:.0f} ms allowed",
                 )
+        self._note_pretightening(bridge, mode)
         sensor = self._judge_sensor(dt_s, bridge)
         if not moving or not dt_s > 0.0:
             return sensor
@@ -204,6 +207,14 @@ class SafetyEnvelope:
         if found is None and bridge.tared:
             found = self._judge_wrench(dt_s, bridge, mode)
         return found
+
+    def _note_pretightening(self, bridge: Bridge, mode: OperatingMode) -> None:
+        """Remember where the limbs were when PRETIGHTENING began."""
+        pretightening = mode == OperatingMode.PRETIGHTENING
+        if pretightening != self._pretightening:
+            self._began[:] = bridge.wound_length if pretightening else np.nan
+            self._lowest_force = np.inf
+            self._pretightening = pretightening
 
     def _judge_limbs(self, dt_s: float, bridge: Bridge) -> Fault | None:
         rule, i = rules.judge_limbs(
@@ -215,6 +226,7 @@ class SafetyEnvelope:
             bridge.current,
             bridge.switch_closed,
             bridge.zeroed,
+            self._began,
             self._last_wound,
             self._last_speed,
             self._observed,
@@ -232,11 +244,12 @@ class SafetyEnvelope:
         if rule == rules.CABLE:
             return self._cable_or_switch(i, bridge)
         if rule == rules.SWITCH:
-            return Fault("switch", f"limb {i}: closed at an estimated {tension:.1f} N: stuck?", i)
+            payout = 1e3 * config.switch_payout
+            return Fault("switch", f"limb {i}: closed after paying out {payout:.0f} mm: stuck?", i)
         if rule == rules.CURRENT:
             return Fault(
                 "current",
-                f"limb {i}: at its limit of {self._limb_limits[6]:g} A for "
+                f"limb {i}: at its limit of {self._limb_limits[4]:g} A for "
                 f"{1e3 * config.current_saturated:.0f} ms",
                 i,
             )
@@ -289,6 +302,8 @@ class SafetyEnvelope:
         )
 
     def _judge_wrench(self, dt_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+        if mode == OperatingMode.PRETIGHTENING:
+            return self._judge_pretension(bridge)
         if mode not in BY_TENSION or not bridge.zeroed.all():
             self._since_apart[:] = 0.0
             return None
@@ -316,6 +331,27 @@ class SafetyEnvelope:
                 f"{self._config.estimate_force:g} N or {self._config.estimate_torque:g} N m",
             )
         return None
+
+    def _judge_pretension(self, bridge: Bridge) -> Fault | None:
+        """Find a limb that winds in on and on because its switch does not close.
+
+        A load that was cut, and held by the gears since, is there from the beginning: only what
+        has come on top of the lowest force since then counts.
+        """
+        force = bridge.rotation @ bridge.wrench[:3]
+        size = float(np.linalg.norm(force))
+        self._lowest_force = min(self._lowest_force, size)
+        if size - self._lowest_force <= self._config.pretension_force or bridge.zeroed.all():
+            return None
+        # Of the limbs that still look for their switch the one that pulls this way.
+        along = np.where(bridge.zeroed, -np.inf, bridge.structure[:3].T @ force)
+        i = int(np.argmax(along))
+        return Fault(
+            "switch",
+            f"limb {i}: the pull has grown to {size:.0f} N in PRETIGHTENING, by more than "
+            f"{self._config.pretension_force:g} N, and its switch is open: stuck?",
+            i,
+        )
 
     def hear_pose(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
         """Take a platform pose that came after the sample at now_s; judged with the next sample.

@@ -29,8 +29,10 @@ class SafetyConfig:
         state_age: between two samples of the card [s].
         cable_tension: an estimate above it with an open switch is a broken cable or switch [N].
         cable_time: for so long [s].
-        switch_tension: an estimate below it with a closed switch is a stuck switch [N].
-        switch_time: for so long [s].
+        switch_payout: a switch that is still closed after so much cable was paid out in
+            PRETIGHTENING is stuck [m].
+        pretension_force: growth of the sensor's force in PRETIGHTENING; more means that a switch
+            does not close, and its limb winds in on and on [N].
         encoder_jump: change of a cable's speed between two samples [m/s].
         motion_current: part of the current that the motor's motion does not explain [A].
         motion_time: for so long [s].
@@ -52,8 +54,8 @@ class SafetyConfig:
     state_age: float = 0.02
     cable_tension: float = 12.0
     cable_time: float = 0.01
-    switch_tension: float = 2.0
-    switch_time: float = 0.1
+    switch_payout: float = 0.1
+    pretension_force: float = 40.0
     encoder_jump: float = 0.5
     motion_current: float = 0.3
     motion_time: float = 0.03
@@ -81,8 +83,8 @@ class SafetyConfig:
             "state_age",
             "cable_tension",
             "cable_time",
-            "switch_tension",
-            "switch_time",
+            "switch_payout",
+            "pretension_force",
             "encoder_jump",
             "motion_current",
             "motion_time",

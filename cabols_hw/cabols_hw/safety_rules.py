@@ -1,7 +1,7 @@
 """The rules of the safety envelope that every sample is held against; compiled.
 
-A rule that needs time counts how long it has been broken, in the rows of `since` (6, n) for limbs
-and in `alone` (3,) for the rig; see SINCE_* and ALONE_*. The first broken rule is told.
+A rule that needs time counts how long it has been broken, in the rows of `since` (3, n), see
+SINCE_*. The first broken rule is told.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from cabols_control.checks import BoolArray, FloatArray
 
 FINE, ENCODER, TENSION, CABLE, SWITCH, CURRENT, MOTION = range(7)
 SENSOR_INVALID, SENSOR_SATURATED, SENSOR_FLAT, WRENCH, ESTIMATE = range(7, 12)
-SINCE_CABLE, SINCE_SWITCH, SINCE_CURRENT, SINCE_MOTION = range(4)
-SINCE_ROWS = 4
+SINCE_CABLE, SINCE_CURRENT, SINCE_MOTION = range(3)
+SINCE_ROWS = 3
 OBSERVER_RATE = 100.0
 """1/s, of the observer that tells current from motion: 10 ms."""
 
@@ -40,6 +40,7 @@ def judge_limbs(
     current: FloatArray,
     closed: BoolArray,
     zeroed: BoolArray,
+    began: FloatArray,
     last_wound: FloatArray,
     last_speed: FloatArray,
     observed: FloatArray,
@@ -52,8 +53,8 @@ def judge_limbs(
 
     Args:
         dt_s: since the sample before [s].
-        limits: (10,) encoder_jump, tension_max, cable_tension, cable_time, switch_tension,
-            switch_time, current limit [A], current_saturated, motion_current, motion_time.
+        limits: (9,) encoder_jump, tension_max, cable_tension, cable_time, current limit [A],
+            current_saturated, motion_current, motion_time, switch_payout.
         gain: (n,) k [m/s/A].
         time_constant: (n,) T [s].
         wound: (n,) wound length [m].
@@ -61,6 +62,7 @@ def judge_limbs(
         current: (n,) on the amplifiers [A].
         closed: (n,) switches.
         zeroed: (n,) whether the estimate counts.
+        began: (n,) wound length at which PRETIGHTENING began [m]; NaN in other modes.
         last_wound: (n,) of the sample before [m], updated.
         last_speed: (n,) of the sample before [m/s], NaN if unknown; updated.
         observed: (n,) the observer's speed [m/s], updated.
@@ -80,12 +82,11 @@ def judge_limbs(
         last_speed[i] = speed
         missing = OBSERVER_RATE * (speed - observed[i])
         observed[i] += dt_s * ((gain[i] * current[i] - observed[i]) / time_constant[i] + missing)
-        unexplained = abs(missing) * time_constant[i] / gain[i] > limits[8]
+        unexplained = abs(missing) * time_constant[i] / gain[i] > limits[6]
         broken = zeroed[i] and not closed[i] and not tension[i] <= limits[2]
-        stuck = zeroed[i] and closed[i] and tension[i] < limits[4]
-        saturated = abs(current[i]) >= 0.99 * limits[6]
+        stuck = closed[i] and not zeroed[i] and began[i] - wound[i] > limits[8]
+        saturated = abs(current[i]) >= 0.99 * limits[4]
         since[SINCE_CABLE, i] = since[SINCE_CABLE, i] + dt_s if broken else 0.0
-        since[SINCE_SWITCH, i] = since[SINCE_SWITCH, i] + dt_s if stuck else 0.0
         since[SINCE_CURRENT, i] = since[SINCE_CURRENT, i] + dt_s if saturated else 0.0
         since[SINCE_MOTION, i] = since[SINCE_MOTION, i] + dt_s if unexplained else 0.0
         if found != FINE:
@@ -96,11 +97,11 @@ def judge_limbs(
             found, limb = TENSION, i
         elif since[SINCE_CABLE, i] > limits[3]:
             found, limb = CABLE, i
-        elif since[SINCE_SWITCH, i] > limits[5]:
+        elif stuck:
             found, limb = SWITCH, i
-        elif since[SINCE_CURRENT, i] > limits[7]:
+        elif since[SINCE_CURRENT, i] > limits[5]:
             found, limb = CURRENT, i
-        elif since[SINCE_MOTION, i] > limits[9]:
+        elif since[SINCE_MOTION, i] > limits[7]:
             found, limb = MOTION, i
     return found, limb
 

@@ -55,7 +55,7 @@ def run_bench(
     environment: dict[str, str] | None = None,
     on_start: Callable[[dict[str, int]], None] | None = None,
     keep_going: bool = False,
-    respawn: bool = False,
+    respawn_s: float | None = None,
 ) -> Ended:
     """Run the bench until one node ends, or Ctrl-C.
 
@@ -67,7 +67,7 @@ def run_bench(
         environment: default isolated_environment().
         on_start: called with the process ids by node.
         keep_going: run on when a node ends.
-        respawn: start a node again when it ends.
+        respawn_s: start a node again so long after it has ended; None: never [s].
 
     Returns:
         How it ended.
@@ -80,4 +80,4 @@ def run_bench(
         ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
     )
     nodes = with_arguments(graph, values)
-    return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn)
+    return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s)

@@ -9,7 +9,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 
-HIGHEST, LOWEST, ANY, NONE = "highest", "lowest", "any", "none"
+HIGHEST, ANY, NONE = "highest", "any", "none"
 PROCESSES = (
     "supervisor",
     "limb_controller",
@@ -28,7 +28,9 @@ class Kind:
 
     Attributes:
         name: for the table.
-        how: "inject" (the simulated rig's service), "kill", "freeze", "demand" or "beam".
+        how: "inject" (the simulated rig's service), "pretighten" (the same, and the fault shows
+            when the operator unloads and pre-tightens: until then nothing depends on it), "kill",
+            "freeze", "demand" or "beam".
         fault: the service's name of it, or the process.
         limb: which limb gets it, by tension.
         value: draws its size.
@@ -49,8 +51,7 @@ class Kind:
             return -1
         if self.limb == ANY:
             return int(random.integers(tension.size))
-        # One of the two highest, or lowest.
-        return int(order[-1 - random.integers(2) if self.limb == HIGHEST else random.integers(2)])
+        return int(order[-1 - random.integers(2)])
 
 
 def _sign(random: np.random.Generator) -> float:
@@ -60,7 +61,8 @@ def _sign(random: np.random.Generator) -> float:
 INJECTED = (
     Kind("cable breaks", "inject", "cable_break", HIGHEST),
     Kind("switch stuck open", "inject", "switch_open", HIGHEST),
-    Kind("switch stuck closed", "inject", "switch_closed", LOWEST),
+    Kind("switch stuck closed, then tighten", "pretighten", "switch_closed", ANY),
+    Kind("switch stuck open, then tighten", "pretighten", "switch_open", ANY),
     Kind(
         "encoder jumps",
         "inject",

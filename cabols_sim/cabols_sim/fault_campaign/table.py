@@ -80,12 +80,12 @@ def _fault_name(detection: str) -> str:
 def text(summary: dict[str, Any]) -> str:
     """Return the table as it is printed."""
     head = [
-        f"{'fault':30} {'found':>7} {'detection [ms]':>16} {'safe [ms]':>10} "
+        f"{'fault':34} {'found':>7} {'detection [ms]':>16} {'safe [ms]':>10} "
         f"{'tension':>8} {'force':>7} {'torque':>7}  found by",
-        f"{'':38} {'median':>8}{'max':>8} {'max':>10} {'max [N]':>8} {'[N]':>7} {'[N m]':>7}",
+        f"{'':42} {'median':>8}{'max':>8} {'max':>10} {'max [N]':>8} {'[N]':>7} {'[N m]':>7}",
     ]
     rows = [
-        f"{row['kind']:30} {row['detected']:3d}/{row['trials']:<3d} "
+        f"{row['kind']:34} {row['detected']:3d}/{row['trials']:<3d} "
         f"{1e3 * row['detection_median_s']:8.0f}{1e3 * row['detection_max_s']:8.0f} "
         f"{1e3 * row['safe_max_s']:10.0f} {row['peak_tension_n']:8.1f} "
         f"{row['peak_force_n']:7.1f} {row['peak_torque_nm']:7.2f}  {', '.join(row['found_by'])}"

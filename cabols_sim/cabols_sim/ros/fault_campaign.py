@@ -17,7 +17,7 @@ from pathlib import Path
 from cabols_sim.bench_run import isolated_environment, run_bench, two_cores
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
-from cabols_sim.ros.fault_trials import Trials
+from cabols_sim.ros.fault_trials import RESTART_S, Trials
 from cabols_sim.ros.rig_watch import RigError, RigWatch
 
 ATTEMPTS = 3
@@ -126,7 +126,8 @@ def _run(options: argparse.Namespace, campaign: Campaign) -> bool:
         "stale_after": 0.05 / options.speed,
         **two_cores(),
     }
-    run_bench(values, lambda *_: None, log, environment, start, respawn=True)
+    restart_s = RESTART_S / options.speed
+    run_bench(values, lambda *_: None, log, environment, start, respawn_s=restart_s)
     return finished.wait(10.0)
 
 

@@ -22,8 +22,12 @@ LOAD_N = 100.0
 TORQUE_NM = 2.0
 DETECT_S = 2.0
 """Rig's time until a fault counts as undetected."""
+PRETIGHTEN_S = 10.0
+"""The same for what shows in pre-tightening only."""
 AFTER_S = 0.4
 """Rig's time that is watched after detection."""
+RESTART_S = 0.8
+"""Rig's time after which a killed process is started again: longer than any time-out."""
 FROZEN_S = 1.0
 """Wall time for which a process is frozen at least."""
 
@@ -69,14 +73,13 @@ class Trials:
         watch = self._watch
         watch.inject("none")
         watch.bring_to(OperatingMode.STOPPED)
-        watch.bring_to(OperatingMode.PRETIGHTENING)
         watch.bring_to(OperatingMode.LOADING)
         direction = random.normal(size=3)
         direction /= np.linalg.norm(direction)
         wrench = np.concatenate([LOAD_N * direction, TORQUE_NM * direction])
         handle = watch.run_program(str(self._programme(wrench)))
         scale = np.array([5.0] * 3 + [0.5] * 3)
-        watch.wait(
+        watch.wait_unharmed(
             lambda: bool((np.abs(watch.wrench - wrench) < scale).all()),
             f"the load {wrench.round(1)}",
             20.0 / self._speed,
@@ -100,6 +103,11 @@ class Trials:
             fault_s = watch.inject("egm_delay", value=0.05)
         elif kind.how == "inject":
             fault_s = watch.inject(kind.fault, limb, value)
+        elif kind.how == "pretighten":
+            self._unload()
+            watch.inject(kind.fault, limb, value)
+            fault_s = watch.now_s
+            watch.leave_for(OperatingMode.PRETIGHTENING)
         elif kind.how == "beam":
             fault_s = watch.inject("beam")
             reason = watch.measure()
@@ -116,10 +124,19 @@ class Trials:
                 watch.cancel(handle)
         return fault_s
 
+    def _unload(self) -> None:
+        watch = self._watch
+        watch.leave_for(OperatingMode.STOPPED)
+        watch.wait_unharmed(
+            lambda: watch.mode == OperatingMode.STOPPED, "STOPPED", 10.0 / self._speed
+        )
+        watch.forget()
+
     def _watch_out(self, kind: Kind, fault_s: float) -> None:
         """Wait for detection, then a little more; a frozen process goes on in between."""
         watch, began = self._watch, time.monotonic()
-        give_up = began + DETECT_S / self._speed
+        patience = PRETIGHTEN_S if kind.how == "pretighten" else DETECT_S
+        give_up = began + patience / self._speed
         while not watch.reports and time.monotonic() < give_up:
             if kind.demand is not None:
                 watch.demand(np.array(kind.demand))
@@ -137,4 +154,4 @@ class Trials:
     def _mend(self, kind: Kind) -> None:
         """Wait until a killed process is there again."""
         if kind.how == "kill":
-            time.sleep(0.5)
+            time.sleep(RESTART_S / self._speed)

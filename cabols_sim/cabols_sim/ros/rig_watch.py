@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from cabols_msgs.action import MeasureReflector, RunProgram
-from cabols_msgs.msg import LimbState, LoopStatus, Mode
+from cabols_msgs.msg import LoopStatus, Mode
 from cabols_msgs.srv import InjectFault, SetMode
 from geometry_msgs.msg import WrenchStamped
 from rclpy.action import ActionClient
@@ -20,11 +20,14 @@ from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
+from cabols_control.geometry import load_geometry
 from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
+from cabols_control.ros.loop import Input, make_wait_set, wait_for
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
+IN_PATH = ("plant", "limb_controller", "wrench_controller")
 DEPTH = 5000
 """The watcher must see every sample, also when it is late itself."""
 
@@ -53,8 +56,8 @@ class RigWatch:
             "rig_watch", namespace=topics.NAMESPACE, context=self._context
         )
         self._lock = threading.Lock()
-        self._states: list[LimbState] = []
-        self._wrenches: list[WrenchStamped] = []
+        self._states: list[tuple[float, FloatArray, FloatArray]] = []
+        self._wrenches: list[tuple[float, FloatArray]] = []
         self._reports: list[Report] = []
         self._zeroed = False
         self._heard: dict[str, str] = {}
@@ -62,9 +65,12 @@ class RigWatch:
         self.mode_reason = ""
         quick = control_qos(lockstep=False)
         quick.depth = DEPTH
+        geometry = load_geometry()
+        layout = topics.limb_state_layout(geometry)
+        self._state_input = Input(self._node, "true_limb_state", layout, quick)
+        layout = topics.wrench_layout(geometry.base_frame)
+        self._wrench_input = Input(self._node, "true_wrench", layout, quick)
         subscribe = self._node.create_subscription
-        subscribe(LimbState, "true_limb_state", self._hear_state, quick)
-        subscribe(WrenchStamped, "true_wrench", self._hear_wrench, quick)
         subscribe(LoopStatus, "loop_status", self._hear_status, status_qos())
         subscribe(Mode, "mode", self._hear_mode, latched_qos(lockstep=False))
         self._desired = self._node.create_publisher(
@@ -77,8 +83,12 @@ class RigWatch:
         self._measure = ActionClient(self._node, MeasureReflector, "measure_reflector")
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
-        self._thread.start()
+        # The truth comes at the control rate: taken raw, in a thread of its own.
+        self._threads = [
+            threading.Thread(target=target, daemon=True) for target in (self._spin, self._take)
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
@@ -88,16 +98,24 @@ class RigWatch:
     def close(self) -> None:
         """Leave."""
         self._context.try_shutdown()
-        self._thread.join(timeout=5.0)
+        for thread in self._threads:
+            thread.join(timeout=5.0)
         self._node.destroy_node()
 
-    def _hear_state(self, message: LimbState) -> None:
-        with self._lock:
-            self._states.append(message)
-
-    def _hear_wrench(self, message: WrenchStamped) -> None:
-        with self._lock:
-            self._wrenches.append(message)
+    def _take(self) -> None:
+        inputs = (self._state_input, self._wrench_input)
+        wait_set = make_wait_set(self._node, len(inputs))
+        while self._context.ok():
+            wait_for(wait_set, inputs, 100_000_000)
+            while self._state_input.take_one():
+                record = self._state_input.record
+                row = (np.array(record["tension"]), np.array(record["current"]))
+                with self._lock:
+                    self._states.append((1e-9 * self._state_input.stamp_ns, *row))
+            while self._wrench_input.take_one():
+                wrench = np.array(self._wrench_input.record["wrench"])
+                with self._lock:
+                    self._wrenches.append((1e-9 * self._wrench_input.stamp_ns, wrench))
 
     def _hear_status(self, message: LoopStatus) -> None:
         fault = message.state == LoopStatus.FAULT
@@ -110,9 +128,10 @@ class RigWatch:
     def _hear_mode(self, message: Mode) -> None:
         before, self.mode = self.mode, OperatingMode(message.mode)
         self.mode_reason = message.reason
-        if self.mode == OperatingMode.FAULT and before != self.mode:
-            with self._lock:
-                self._reports.append(Report(_seconds(message), "supervisor", message.reason, True))
+        unasked = before == OperatingMode.LOADING and self.mode == OperatingMode.STOPPED
+        if before != self.mode and (self.mode == OperatingMode.FAULT or unasked):
+            # STOPPED out of LOADING: a supervisor that has begun anew, and stops the rig.
+            self.complain(Report(self.now_s, "supervisor", message.reason, True))
 
     def forget(self) -> None:
         """Forget what was seen so far, but the newest."""
@@ -124,19 +143,19 @@ class RigWatch:
     def now_s(self) -> float:
         """Stamp of the newest state [s]; 0 before the first."""
         with self._lock:
-            return _seconds(self._states[-1]) if self._states else 0.0
+            return self._states[-1][0] if self._states else 0.0
 
     @property
     def tension(self) -> FloatArray:
         """(n,) newest true tensions [N]."""
         with self._lock:
-            return np.array(self._states[-1].tension) if self._states else np.zeros(0)
+            return self._states[-1][1] if self._states else np.zeros(0)
 
     @property
     def wrench(self) -> FloatArray:
         """(6,) newest true wrench [N, N m]."""
         with self._lock:
-            return _wrench(self._wrenches[-1]) if self._wrenches else np.full(6, np.nan)
+            return self._wrenches[-1][1] if self._wrenches else np.full(6, np.nan)
 
     @property
     def reports(self) -> list[Report]:
@@ -147,18 +166,25 @@ class RigWatch:
     def trial(self, fault_s: float) -> TrialData:
         """Return what was seen from an instant on."""
         with self._lock:
-            states = [m for m in self._states if _seconds(m) >= fault_s]
-            wrenches = [m for m in self._wrenches if _seconds(m) >= fault_s]
+            states = [row for row in self._states if row[0] >= fault_s]
+            wrenches = [row[1] for row in self._wrenches if row[0] >= fault_s]
             reports = tuple(self._reports)
-        n = len(self._states[-1].tension) if self._states else 0
+            n = self._states[-1][1].size if self._states else 0
+        count = len(states)
         return TrialData(
             fault_s,
-            np.array([_seconds(m) for m in states]),
-            np.array([m.tension for m in states]).reshape(len(states), n),
-            np.array([m.current for m in states]).reshape(len(states), n),
-            np.array([_wrench(m) for m in wrenches]).reshape(len(wrenches), 6),
+            np.array([row[0] for row in states]),
+            np.array([row[1] for row in states]).reshape(count, n),
+            np.array([row[2] for row in states]).reshape(count, n),
+            np.array(wrenches).reshape(len(wrenches), 6),
             reports,
         )
+
+    def wait_unharmed(self, condition: Callable[[], bool], what: str, seconds: float) -> None:
+        """Wait for a condition, but not in FAULT."""
+        self.wait(lambda: condition() or self.mode == OperatingMode.FAULT, what, seconds)
+        if self.mode == OperatingMode.FAULT:
+            raise RigError(f"FAULT while waiting for {what}: {self.mode_reason}")
 
     def wait(self, condition: Callable[[], bool], what: str, seconds: float) -> None:
         """Wait for a condition.
@@ -191,24 +217,28 @@ class RigWatch:
             raise RigError(answer.message)
         return float(answer.message.rpartition(" at ")[2].removesuffix(" s"))
 
-    def bring_to(self, mode: OperatingMode, seconds: float = 60.0) -> None:
-        """Ask for a mode until it is granted and reached, resetting a FAULT before."""
-        said = [""]
+    def bring_to(self, mode: OperatingMode, seconds: float = 90.0) -> None:
+        """Go to a mode from wherever the rig is, resetting a FAULT, tightening before LOADING."""
+        said = ""
 
         def there() -> bool:
-            if self.mode == mode:
+            nonlocal said
+            present = self.mode
+            if present == mode:
                 return True
-            if self.mode == OperatingMode.FAULT:
+            if present == OperatingMode.FAULT:
                 self.call(self._reset, Trigger.Request())
-            elif self.mode != OperatingMode.UNLOADING:
-                said[0] = self.call(self._set_mode, SetMode.Request(mode=int(mode))).message
+            elif present != OperatingMode.UNLOADING:
+                loose = mode == OperatingMode.LOADING and present != OperatingMode.PRETIGHTENING
+                step = OperatingMode.PRETIGHTENING if loose else mode
+                said = self.call(self._set_mode, SetMode.Request(mode=int(step))).message
             time.sleep(0.05)
             return False
 
         try:
             self.wait(there, f"{mode.name}", seconds)
         except RigError as error:
-            raise RigError(f"{error}; last answer: {said[0]}") from error
+            raise RigError(f"{error}; last answer: {said}") from error
 
     def run_program(self, path: str, seconds: float = 20.0) -> Any:
         """Start a load programme; return the goal's handle."""
@@ -234,6 +264,12 @@ class RigWatch:
         force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, wrench)
         self._desired.publish(message)
 
+    def leave_for(self, mode: OperatingMode) -> None:
+        """Ask once for a mode; RigError if it is refused."""
+        answer = self.call(self._set_mode, SetMode.Request(mode=int(mode)))
+        if not answer.success:
+            raise RigError(answer.message)
+
     def measure(self, seconds: float = 60.0) -> str:
         """Measure reflector 0; return why it failed, empty if it did not."""
         if not self._measure.wait_for_server(timeout_sec=seconds):
@@ -249,8 +285,3 @@ class RigWatch:
         """Note what was learned in another way than by loop_status."""
         with self._lock:
             self._reports.append(report)
-
-
-def _wrench(message: WrenchStamped) -> FloatArray:
-    force, torque = message.wrench.force, message.wrench.torque
-    return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
