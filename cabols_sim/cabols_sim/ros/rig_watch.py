@@ -122,8 +122,9 @@ class RigWatch:
         new = message.reason != self._heard.get(message.node, "")
         self._heard[message.node] = message.reason
         if new and message.reason:
-            with self._lock:
-                self._reports.append(Report(_seconds(message), message.node, message.reason, fault))
+            # Nodes beside the path of samples stamp by clocks of their own.
+            stamp_s = _seconds(message) if message.node in IN_PATH else self.now_s
+            self.complain(Report(stamp_s, message.node, message.reason, fault))
 
     def _hear_mode(self, message: Mode) -> None:
         before, self.mode = self.mode, OperatingMode(message.mode)
