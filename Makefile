@@ -12,7 +12,7 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 	do command -v "$$name" && break; done)
 BIN = .venv/bin
 
-.PHONY: help demo test lint format bench bench-tension bench-simulation bench-realtime setup lock clean
+.PHONY: help demo test lint format bench bench-tension bench-simulation bench-realtime faults setup lock clean
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -47,6 +47,9 @@ bench-simulation: setup  ## time the simulated rig against the wall clock
 bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_realtime.py $(ARGS)
+
+faults: setup  ## break everything, 20 times each, in the loaded rig (two hours; goes on where it was)
+	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
 
 setup:  ## make .venv and build the workspace into it (done by the others when needed)
 	@test -n "$(HOST_PYTHON)" || { echo "setup: no Python found." \
