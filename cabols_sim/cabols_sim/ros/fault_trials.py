@@ -20,6 +20,7 @@ from cabols_sim.ros.rig_watch import RigError, RigWatch
 LOAD_N = 100.0
 """The force under which everything goes wrong, in a random direction, with 2 N m about it."""
 TORQUE_NM = 2.0
+LOW_N = 15.0
 DETECT_S = 2.0
 """Rig's time until a fault counts as undetected."""
 PRETIGHTEN_S = 10.0
@@ -73,6 +74,10 @@ class Trials:
         watch = self._watch
         watch.inject("none")
         watch.bring_to(OperatingMode.STOPPED)
+        # A cut leaves the load on the gears; free-moving takes it off, faster than tightening.
+        watch.bring_to(OperatingMode.FREE_MOVING)
+        with suppress(RigError):
+            watch.wait_unharmed(lambda: watch.tension.max() < LOW_N, "low tension", 2 / self._speed)
         watch.bring_to(OperatingMode.LOADING)
         direction = random.normal(size=3)
         direction /= np.linalg.norm(direction)
