@@ -37,7 +37,7 @@ def main() -> int:
     output.mkdir(parents=True)
     values = {
         "record": False,
-        "robot": not arguments.rigid,
+        "robot": arguments.robot,
         "seed": arguments.seed,
         "speed": arguments.speed,
         "watchdog": STALL_S,
@@ -73,7 +73,11 @@ def _arguments() -> argparse.Namespace:
     add("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
     add("--seed", type=int, default=0, help="of the simulated rig's noise")
     add("--speed", type=float, default=1.0, help="below 1: the rig in slow motion")
-    add("--rigid", action="store_true", help="a target that does not give way, without robot")
+    add(
+        "--robot",
+        action="store_true",
+        help="with robot and tracker; k_e then holds the robot's giving way, up to a tenth",
+    )
     return parser.parse_args()
 
 

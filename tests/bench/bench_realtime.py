@@ -27,7 +27,7 @@ from cabols_control.bags.reader import read_bag
 from cabols_sim.bench_run import isolated_environment, run_bench, two_cores
 
 CONTROL_TOPICS = ("limb_state", "wrench", "motor_current", "tension_command", "desired_wrench")
-ROBOT_TOPICS = ("platform_pose", "joint_states")
+ROBOT_TOPICS = ("platform_pose",)
 GRAPHS = {"rigid_target": False, "all_bridges": True}
 """Name of a run: whether robot and tracker are in it."""
 YARDSTICKS = Path(__file__).with_name("yardsticks.py")
@@ -159,7 +159,8 @@ def _yard(echoes: list[dict[str, float]], timers: list[dict[str, float]]) -> dic
 
 
 def _figures(graph: dict[str, Any], yard: dict[str, float], robot: bool) -> dict[str, Any]:
-    bag = read_bag(graph["bag"])
+    topics = CONTROL_TOPICS + (ROBOT_TOPICS if robot else ROBOT_TOPICS[:1])
+    bag = read_bag(graph["bag"], (*topics, "mode", "loop_status"))
     loading = bag["mode"].stamp_ns[bag["mode"]["mode"] == 2].min()
     status = bag["loop_status"]
     plant = (np.array(status["node"]) == "plant") & (status.stamp_ns > loading + 2e9)
@@ -174,7 +175,6 @@ def _figures(graph: dict[str, Any], yard: dict[str, float], robot: bool) -> dict
     missing = int(sequence[-1] - sequence[0] + 1 - sequence.size)
     late_percent = float(100.0 * (late[-1] - late[0]) / (cycles[-1] - cycles[0]))
     ratio = float(np.median(trip)) / yard["echo_median_s"]
-    topics = CONTROL_TOPICS + (ROBOT_TOPICS if robot else ROBOT_TOPICS[:1])
     found = {
         "round_trip_median_s": float(np.median(trip)),
         "round_trip_p99_s": float(np.median(trip_p99)),
