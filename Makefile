@@ -1,6 +1,6 @@
 # cabols: `make demo` and `make test` set up what they need and run. Options:
 #   PYTHON=/path/to/python3.11   the Python to make .venv with (3.10 to 3.13; default: found)
-#   ARGS="..."                   more arguments for demo, test and the benchmarks
+#   ARGS="..."                   more arguments for demo, commission, test and the benchmarks
 
 # What a sourced ROS workspace leaves in the shell would mix with .venv.
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
@@ -12,7 +12,8 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 	do command -v "$$name" && break; done)
 BIN = .venv/bin
 
-.PHONY: help demo test lint format bench bench-tension bench-simulation bench-realtime faults setup lock clean
+.PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
+.PHONY: bench-realtime faults setup lock clean
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -21,6 +22,9 @@ help:  ## list the targets
 
 demo: setup  ## run the simulated rig and leave its report in build/demo
 	@.venv/lib/cabols_sim/demo $(ARGS)
+
+commission: setup  ## commission the simulated rig's limbs and leave models and gains in build/commission
+	@.venv/lib/cabols_sim/commission_bench $(ARGS)
 
 test: setup  ## run the tests
 	@$(BIN)/python -m pytest $(ARGS)
@@ -34,7 +38,7 @@ format: setup  ## mend style where a tool can
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
 
-bench: bench-tension bench-simulation bench-realtime  ## run all benchmarks into build/bench
+bench: bench-tension bench-simulation bench-registration bench-realtime  ## run all benchmarks into build/bench
 
 bench-tension: setup  ## time the tension distribution
 	@mkdir -p build/bench
@@ -43,6 +47,10 @@ bench-tension: setup  ## time the tension distribution
 bench-simulation: setup  ## time the simulated rig against the wall clock
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_simulation.py $(ARGS)
+
+bench-registration: setup  ## compare the reflectors' registration with its covariance
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_registration.py $(ARGS)
 
 bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 	@mkdir -p build/bench

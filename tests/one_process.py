@@ -54,7 +54,10 @@ class MovingTarget:
 
 
 class OneProcess:
-    """The rig's control path; the pose reaches the bridge every 4 ms, 4 to 8 ms old, as by EGM."""
+    """The rig's control path, stepped by a millisecond; the mode is set by hand.
+
+    The pose reaches the bridge every 4 ms, 4 to 8 ms old, as by EGM.
+    """
 
     def __init__(self, rig, card, plant_config, seed=0, target=None):
         n = rig.geometry.cables
@@ -62,11 +65,12 @@ class OneProcess:
         self.target = target
         self.plant = Plant(rig, card, plant_config, seed, target)
         self.card = SimulatedQ8(self.plant, card, n, lockstep=True)
-        self.card.start(0.010)
+        self.card.start(card.watchdog)
         self.bridge = Bridge(rig, card)
         self.controller = LimbController(rig)
         self.mode = OperatingMode.STOPPED
         self.setpoint: TensionSetpoint | None = None
+        self.now_s = 0.0
         self.tension = np.zeros((0, n))
         self.wrench = np.zeros((0, 6))
         self._poses: deque = deque()
@@ -86,27 +90,44 @@ class OneProcess:
         return self.tension
 
     def cycle(self):
+        """Advance by one sample."""
         sample = self.card.read()
         self._tick += 1
-        self._tell_pose()
+        self.now_s = 1e-9 * sample.time_ns
+        self.tell_pose()
+        self.bridge.take(sample, self.mode)
+        self.answer()
+
+    def answer(self):
+        """Let the controllers answer the sample."""
+        self.write(self.limb_currents(self.fresh_setpoint()))
+
+    def fresh_setpoint(self):
+        """The tensions set by hand, as an answer to the newest sample."""
+        set_by_hand = self.setpoint
+        if set_by_hand is None:
+            return None
+        return TensionSetpoint(self.now_s, set_by_hand.tension, set_by_hand.active)
+
+    def limb_currents(self, setpoint):
+        """(n,) of the limb controller [A]."""
         bridge = self.bridge
-        bridge.take(sample, self.mode)
-        if self.setpoint is not None:
-            self.setpoint = TensionSetpoint(
-                1e-9 * sample.time_ns, self.setpoint.tension, self.setpoint.active
-            )
         state = LimbSample(
-            1e-9 * sample.time_ns,
+            self.now_s,
             bridge.wound_length,
             bridge.elongation,
             bridge.tension,
             bridge.switch_closed,
             bridge.zeroed,
         )
-        current = self.controller.step(state, self.mode, self.setpoint)
-        self.card.write(bridge.volts(current))
+        return self.controller.step(state, self.mode, setpoint)
 
-    def _tell_pose(self):
+    def write(self, current):
+        """Put (n,) currents on the amplifiers [A]."""
+        self.card.write(self.bridge.volts(current))
+
+    def tell_pose(self):
+        """Let the target's pose reach the bridge; without a target it never changes."""
         if self.target is None:
             return
         if self._tick % 4 == 0:

@@ -61,7 +61,7 @@ def test_injected_fault_is_found_and_safe(loaded, kind, which, value, name, with
     began_s = loaded.now_s
     loaded.plant.inject(kind, limb, value)
     while loaded.guard.fault is None and loaded.now_s < began_s + within_s:
-        loaded.step()
+        loaded.cycle()
     fault = loaded.guard.fault
     assert fault is not None, f"{kind} not found within {within_s} s"
     assert fault.name == name
@@ -135,14 +135,14 @@ def test_motor_jam_is_found_when_the_load_changes(loaded):
     loaded.desired = LOAD * 0.3
     began_s = loaded.now_s
     while loaded.guard.fault is None and loaded.now_s < began_s + 0.5:
-        loaded.step()
+        loaded.cycle()
     assert loaded.guard.fault.name == "motion"
 
 
 def test_tension_limit_acts_before_the_spring_ends(loaded):
     loaded.desired = np.array([150.0, -150.0, 300.0, 0.0, 0.0, 0.0])
     while loaded.guard.fault is None and loaded.now_s < 10.0:
-        loaded.step()
+        loaded.cycle()
     assert loaded.guard.fault.name == "tension"
     loaded.run(0.4)
     _, tension, _ = loaded.since(0.0)
@@ -153,7 +153,7 @@ def test_tension_limit_acts_before_the_spring_ends(loaded):
 def test_wrench_beyond_the_sensors_range(loaded):
     loaded.desired = np.array([190.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     while loaded.guard.fault is None and loaded.now_s < 10.0:
-        loaded.step()
+        loaded.cycle()
     assert loaded.guard.fault.name == "wrench"
     assert "force x" in loaded.guard.fault.reason
 
@@ -162,7 +162,7 @@ def test_silent_controllers_are_cut(loaded):
     loaded.controllers_alive = False
     began_s = loaded.now_s
     while loaded.guard.fault is None and loaded.now_s < began_s + 0.1:
-        loaded.step()
+        loaded.cycle()
     assert loaded.guard.fault.name == "command_age"
     assert loaded.now_s - began_s <= 0.013
     loaded.run(0.01)
@@ -175,7 +175,7 @@ def test_gap_between_samples_is_a_fault(loaded):
     loaded.guard._watchdog._timeout = 10.0
     for _ in range(30):
         loaded.card.read()
-    loaded.step()
+    loaded.cycle()
     assert loaded.guard.fault.name == "state_age"
 
 
@@ -183,7 +183,7 @@ def test_cards_own_watchdog_is_a_fault(loaded):
     loaded.guard._watchdog._timeout = 10.0
     for _ in range(12):
         loaded.card.read()
-    loaded.step()
+    loaded.cycle()
     assert loaded.guard.fault.name == "card"
     assert not loaded.plant.current.any()
 
@@ -199,7 +199,7 @@ def test_current_at_its_limit_for_long(loaded):
     current[limb] = 5.0
     began_s = loaded.now_s
     while guard.fault is None and loaded.now_s < began_s + 0.3:
-        loaded.step()
+        loaded.cycle()
         guard.command(np.arange(8), current, loaded.now_s)
         loaded.card.write(bridge.volts(guard.output(loaded.mode)))
     assert guard.fault.name == "current"

@@ -29,7 +29,9 @@ ROS_ONLY_THERE = {"rclpy", "cabols_msgs"}
 # Module -> key in rosdep's database; ROS packages are keys of their own name.
 ROSDEP_KEY = {
     "bokeh": "python3-bokeh-pip",
+    "defusedxml": "python3-defusedxml",
     "google": "python3-protobuf",
+    "grpc": "python3-grpcio",
     "jinja2": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
     "numba": "python3-numba",

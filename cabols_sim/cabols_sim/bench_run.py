@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from cabols_control.graph import Ports, bench_graph, with_arguments
+from cabols_control.graph import NodeSpec, Ports, bench_graph, with_arguments
 from cabols_control.processes import Ended, run
 
 SAFE_DOMAINS = (1, 101)
@@ -56,6 +56,7 @@ def run_bench(
     on_start: Callable[[dict[str, int]], None] | None = None,
     keep_going: bool = False,
     respawn_s: float | None = None,
+    tools: Sequence[NodeSpec] = (),
 ) -> Ended:
     """Run the bench until one node ends, or Ctrl-C.
 
@@ -68,6 +69,7 @@ def run_bench(
         on_start: called with the process ids by node.
         keep_going: run on when a node ends.
         respawn_s: start a node again so long after it has ended; None: never [s].
+        tools: started after the graph; all ends with the first of them.
 
     Returns:
         How it ended.
@@ -79,5 +81,5 @@ def run_bench(
         values.get("robot", False),
         ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
     )
-    nodes = with_arguments(graph, values)
+    nodes = [*with_arguments(graph, values), *tools]
     return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s)

@@ -8,13 +8,14 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from cabols_control.graph import NodeSpec, bench_graph, with_arguments
-from cabols_control.processes import run
-from cabols_sim.bench_run import isolated_environment, two_cores
+from cabols_control.graph import NodeSpec
+from cabols_sim.bench_run import run_bench, two_cores
 
 TOOL = "commission"
 STALL_S = 0.1
 """Watchdogs as in the demo: a desktop's kernel may stall for longer than a rig's allow."""
+STALE_S = 0.2
+"""Likewise for the robot's pose."""
 
 
 @dataclass(frozen=True)
@@ -30,35 +31,67 @@ class ToolSpec(NodeSpec):
 
 def main() -> int:
     """Commission the simulated rig; returns 0, 1 after a failure, 130 after Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="commission_bench", description=__doc__)
-    parser.add_argument("--output", type=Path, default=Path("build/commission"), help="to fill")
-    parser.add_argument("--limb", type=int, action="append", help="from 1; repeat; default: all")
-    parser.add_argument("--seed", type=int, default=0, help="of the simulated rig's noise")
-    arguments = parser.parse_args()
+    arguments = _arguments()
     output = arguments.output
     shutil.rmtree(output, ignore_errors=True)
     output.mkdir(parents=True)
-    words = ["--output", str(output)]
-    for limb in arguments.limb or []:
-        words += ["--limb", str(limb)]
     values = {
+        "record": False,
+        "robot": arguments.robot,
         "seed": arguments.seed,
+        "speed": arguments.speed,
         "watchdog": STALL_S,
         "command_timeout": STALL_S,
+        "stale_after": STALE_S,
         **two_cores(),
     }
-    nodes = with_arguments(bench_graph(record=False), values)
-    tool = ToolSpec("cabols_control", TOOL, ("limb_state", "wrench"), (), words=tuple(words))
-    print("cabols commissioning: all limbs of the simulated rig, real time at 1 kHz", flush=True)
-    ended = run([*nodes, tool], isolated_environment(), _show, output / "log")
+    limbs = ", ".join(str(limb) for limb in arguments.limb or [])
+    pace = "real time" if arguments.speed == 1.0 else f"{arguments.speed:g} of real time"
+    which = f"limbs {limbs}" if limbs else "all limbs"
+    print(f"cabols commissioning: {which} of the simulated rig, {pace} at 1 kHz", flush=True)
+    tool = ToolSpec("cabols_control", TOOL, (), (), words=_words(arguments))
+    ended = run_bench(values, _show, output / "log", tools=[tool])
     if not ended.first:
         print(f"interrupted: all nodes ended, motors at zero; what was done is in {output}")
         return 130
     if ended.first != TOOL or ended.code != 0:
         log = output / "log" / f"{ended.first}.log"
         print(f"error: {ended.first} ended with code {ended.code}: {log}", file=sys.stderr)
+        if arguments.speed == 1.0:
+            print("on a busy machine try --speed 0.3: the rig in slow motion", file=sys.stderr)
         return 1
     return 0
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="commission_bench", description=__doc__)
+    add = parser.add_argument
+    add("--output", type=Path, default=Path("build/commission"), help="folder to fill")
+    add("--limb", type=int, action="append", help="from 1; repeat; default: all")
+    add("--no-step", action="store_true", help="do not identify gain and time constant")
+    add("--no-ramp", action="store_true", help="do not identify the stiffness")
+    add("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
+    add("--seed", type=int, default=0, help="of the simulated rig's noise")
+    add("--speed", type=float, default=1.0, help="below 1: the rig in slow motion")
+    add(
+        "--robot",
+        action="store_true",
+        help="with robot and tracker; k_e then holds the robot's giving way, up to a tenth",
+    )
+    return parser.parse_args()
+
+
+def _words(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Command line of the tool."""
+    words = ["--output", str(arguments.output), "--speed", f"{arguments.speed:g}"]
+    for limb in arguments.limb or []:
+        words += ["--limb", str(limb)]
+    for name in ("no_step", "no_ramp"):
+        if getattr(arguments, name):
+            words.append("--" + name.replace("_", "-"))
+    if arguments.ramp_tension:
+        words += ["--ramp-tension", f"{arguments.ramp_tension:g}"]
+    return tuple(words)
 
 
 def _show(node: str, line: str) -> None:

@@ -36,15 +36,22 @@ FOUND_S = 180.0
 """The action must be there within this; a first start compiles for a minute or two."""
 LIMB_S = 180.0
 """One limb may take so long."""
-START_S = 20.0
-"""So long after the start of the rig a refusal is tried again: nodes report once a second."""
+START_S = 60.0
+"""A node that compiles in its first start does not report yet: so long a refusal is tried again."""
+AT_ONCE_S = 2.0
+"""A refusal within this came before anything moved."""
 
 
 class Tool:
     """Client of commission_limb with a trace of what it did."""
 
-    def __init__(self, rig: Rig) -> None:
-        """Make a node; nothing moves yet."""
+    def __init__(self, rig: Rig, speed: float) -> None:
+        """Make a node; nothing moves yet.
+
+        Args:
+            rig: as configured.
+            speed: how fast the rig's time passes, below 1 in simulated slow motion.
+        """
         self._rig = rig
         self._node = rclpy.create_node("commission", namespace=topics.NAMESPACE)
         self._client = ActionClient(self._node, CommissionLimb, "commission_limb")
@@ -53,6 +60,7 @@ class Tool:
         self._trace = LimbTrace(self._node, rig)
         self._trace.start()
         self._began = time.monotonic()
+        self._limb_s = LIMB_S / speed
         self._phase = ""
 
     def close(self) -> None:
@@ -75,14 +83,19 @@ class Tool:
         return True
 
     def run(self, goal: CommissionLimb.Goal) -> tuple[bool, LimbResult]:
-        """Commission one limb; early refusals are tried again."""
+        """Commission one limb; a refusal before anything moved is tried again for a while."""
+        give_up = time.monotonic() + START_S
+        told = ""
         while True:
             sent = time.monotonic()
             result = self._run_once(goal)
             now = time.monotonic()
-            refused = not result.success and "refuses" in result.message and now - sent < 2.0
-            if not refused or now - self._began > START_S:
+            refused = not result.success and "refuses" in result.message
+            if not refused or now - sent > AT_ONCE_S or now > give_up:
                 break
+            if result.message != told:
+                told = result.message
+                self.say(f"waiting: {told}")
             self._wait(0.5)
         found = LimbResult(
             goal.limb,
@@ -106,7 +119,7 @@ class Tool:
         handle = self._result(self._client.send_goal_async(goal, self._hear), 10.0)
         future = handle.get_result_async()
         try:
-            return self._result(future, LIMB_S).result
+            return self._result(future, self._limb_s).result
         except (KeyboardInterrupt, TimeoutError):
             self.say("cancelling")
             handle.cancel_goal_async()
@@ -178,9 +191,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--no-ramp", action="store_true", help="do not identify the stiffness")
     parser.add_argument("--step-current", type=float, default=0.0, help="A (default: 0.5)")
     parser.add_argument("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
+    parser.add_argument("--speed", type=float, default=1.0, help="of a simulated rig's time")
     for name in ("geometry", "limbs", "control"):
         parser.add_argument(f"--{name}-file", default="", help="as the rig runs with")
     arguments = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    if not 0.01 <= arguments.speed <= 1.0:
+        parser.error(f"--speed: expected 0.01 to 1, got {arguments.speed:g}")
     if arguments.no_step and arguments.no_ramp:
         parser.error("--no-step and --no-ramp leave nothing to do")
     return arguments
@@ -207,7 +223,7 @@ def main() -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    tool = Tool(rig)
+    tool = Tool(rig, arguments.speed)
     results: dict[int, LimbResult] = {}
     try:
         code = _commission(tool, rig, limbs, arguments, results)
