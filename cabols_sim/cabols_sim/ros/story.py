@@ -237,9 +237,7 @@ class Story:
             self._look_for_fault()
             raise StoryError(failure)
 
-    def _wait(
-        self, condition: Callable[[], bool], what: Callable[[], str], seconds: float
-    ) -> None:
+    def _wait(self, condition: Callable[[], bool], what: Callable[[], str], seconds: float) -> None:
         """Wait for a condition.
 
         Raises:
