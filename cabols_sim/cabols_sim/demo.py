@@ -88,7 +88,8 @@ def main() -> int:
     output.mkdir(parents=True)
     devices = "" if arguments.rigid else ", robot and laser tracker"
     print(
-        f"cabols demo: {program.name} on the simulated eight-cable rig{devices}, real time at 1 kHz",
+        f"cabols demo: {program.name} on the simulated eight-cable rig{devices}, "
+        "real time at 1 kHz",
         flush=True,
     )
     environment = isolated_environment()

@@ -1,4 +1,4 @@
-"""What a bag tells of the robot: the platform's positions, the joints, the tracker's measurements."""
+"""What a bag tells of the robot: platform, joints, the laser tracker's measurements."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.bags.reader import Bag, Series
-from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.checks import BoolArray, FloatArray, IntArray
 
 POSITION = tuple(f"pose.position.{axis}" for axis in "xyz")
 SPEED_OVER_S = 0.04
@@ -61,7 +61,7 @@ class RecordedMotion:
             self.packets_lost,
         )
 
-    def _rows_apart(self) -> FloatArray:
+    def _rows_apart(self) -> IntArray:
         """Rows of the first pose in each stretch of SPEED_OVER_S."""
         if not self.pose_time.size:
             return np.zeros(0, np.int64)
@@ -85,7 +85,6 @@ def join_motion(bag: Bag, zero_ns: int) -> RecordedMotion:
     measured_time, measured_rows = _times(bag, "reflector_measurement", zero_ns)
     position = np.zeros((0, 3))
     if pose_time.size:
-        # A pose without position: a bag of orientations only, as some tools make.
         series = bag["platform_pose"]
         position = np.column_stack([_column(series, name) for name in POSITION])[pose_rows]
     joints = np.zeros((0, 6))
@@ -99,7 +98,7 @@ def join_motion(bag: Bag, zero_ns: int) -> RecordedMotion:
     )
 
 
-def _times(bag: Bag, topic: str, zero_ns: int) -> tuple[FloatArray, FloatArray]:
+def _times(bag: Bag, topic: str, zero_ns: int) -> tuple[FloatArray, IntArray]:
     """Times of a topic's messages [s], each once and in order, and their rows."""
     if topic not in bag or not len(bag[topic]):
         return np.zeros(0), np.zeros(0, np.int64)
@@ -107,7 +106,7 @@ def _times(bag: Bag, topic: str, zero_ns: int) -> tuple[FloatArray, FloatArray]:
     stamps = bag[topic].stamp_ns
     known, rows = np.unique(stamps, return_index=True)
     real = known > 0
-    return 1e-9 * (known[real] - zero_ns), rows[real]
+    return np.multiply(1e-9, known[real] - zero_ns), rows[real]
 
 
 def _column(series: Series, field: str) -> FloatArray:

@@ -303,15 +303,15 @@ def _health(bag: Bag, begin_ns: int, end_ns: int) -> dict[str, NodeHealth]:
     return found
 
 
-def _over(bag: Bag) -> float:
+def _over(bag: Bag) -> int:
     """When the run was over [ns]: nodes that end in their order then miss each other.
 
     That is at the last sample, if the rig was STOPPED; else a node's end is worth telling.
     """
     changes = _mode_changes(bag)
     if not changes or changes[-1][1] != OperatingMode.STOPPED:
-        return np.inf
-    return float(bag["limb_state"].log_time_ns.max())
+        return int(np.iinfo(np.int64).max)
+    return int(bag["limb_state"].log_time_ns.max())
 
 
 def _last(values: FloatArray, rows: Any, otherwise: Any) -> float:

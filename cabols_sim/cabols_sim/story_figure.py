@@ -31,8 +31,8 @@ MODE_NAMES = {
     OperatingMode.COMMISSIONING: "commissioning",
     OperatingMode.FAULT: "FAULT",
 }
-NARROW = 0.035
-"""A band narrower than this share of the picture has its name upright."""
+NARROW, HAIR = 0.1, 0.015
+"""A band narrower than these shares of the picture has its name upright, or beside it."""
 FREE_SCALE_N = 20.0
 LABEL, TICKS = 14, 12
 
@@ -64,22 +64,23 @@ def draw_bands(panels: list[Axes], run: BenchRun, start: float) -> None:
         strip.axvspan(begin, end, color=colour, lw=0)
         for axes in panels[1:]:
             axes.axvspan(begin, end, color=colour, alpha=0.4, lw=0)
-        narrow = (end - begin) / length < 3.0 * NARROW
+        share = (end - begin) / length
+        beside = share < HAIR
         strip.text(
-            0.5 * (begin + end),
+            begin if beside else 0.5 * (begin + end),
             0.5,
             MODE_NAMES[interval.mode],
-            rotation=90 if narrow else 0,
-            ha="center",
+            rotation=90 if share < NARROW else 0,
+            ha="right" if beside else "center",
             va="center",
-            fontsize=TICKS if not narrow else TICKS - 2,
+            fontsize=TICKS if share >= NARROW else TICKS - 2,
             linespacing=0.9,
             transform=strip.get_xaxis_transform(),
         )
 
 
 def draw_motion(joints: Axes, speed: Axes, motion: RecordedMotion, start: float) -> None:
-    """Draw the joints' angles from their start, the platform's speed, the tracker's measurements."""
+    """Draw the joints' change, the platform's speed, the tracker's measurements."""
     if motion.joint_time.size:
         change = np.degrees(motion.joints - motion.joints[0])
         for number in range(change.shape[1]):

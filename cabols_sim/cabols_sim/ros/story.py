@@ -44,7 +44,7 @@ class StoryError(CabolsError):
     """A step did not come to its end."""
 
 
-class _Interrupted(Exception):
+class _InterruptedError(Exception):
     """The graph is ending; the story ends with it."""
 
 
@@ -104,7 +104,7 @@ class Story:
             self._open()
             self._play()
             self.done = True
-        except _Interrupted:
+        except _InterruptedError:
             pass
         except Exception as error:
             self.error = error
@@ -264,7 +264,7 @@ class Story:
     def _spin(self, seconds: float) -> None:
         """Serve one callback, or let so much time pass."""
         if self._stop.is_set() or not self._context.ok():
-            raise _Interrupted
+            raise _InterruptedError
         self._executor.spin_once(timeout_sec=seconds)
 
     def _missing(self) -> str:
