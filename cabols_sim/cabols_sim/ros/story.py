@@ -38,6 +38,8 @@ RETRY_S = 0.3
 SETTLE_S = 0.7
 """Between a change of mode and what needs it: every node hears of it at its own time."""
 END_S = 1.0
+POLL_S = 0.1
+"""Every look at what has arrived takes time from the rig's loops on a small machine."""
 
 
 class StoryError(CabolsError):
@@ -121,10 +123,7 @@ class Story:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(node)
         node.create_subscription(Mode, "mode", self._hear_mode, latched_qos(lockstep=False))
-        node.create_subscription(LoopStatus, "loop_status", self._hear_status, status_qos())
-        # Taken when needed: a callback at 1 kHz would cost a third of a core.
-        layout = topics.limb_state_layout(load_rig().geometry)
-        self._state = Input(node, "limb_state", layout, control_qos(lockstep=False))
+        self._layout = topics.limb_state_layout(load_rig().geometry)
         self._set_mode = node.create_client(SetMode, "set_mode")
         self._actions = {
             kind: ActionClient(node, kind, name)
@@ -145,7 +144,7 @@ class Story:
 
     def _play(self) -> None:
         """All steps; see section 4.2.2 for what the modes are for."""
-        self._wait(lambda: self._running >= set(NEEDED), self._missing, START_S)
+        self._await_nodes()
         self._pause(CALM_S)
         self._say("free-moving by the switches: no limb knows its zero yet")
         self._enter(OperatingMode.FREE_MOVING)
@@ -170,6 +169,14 @@ class Story:
         self._enter(OperatingMode.STOPPED)
         self._pause(END_S)
 
+    def _await_nodes(self) -> None:
+        """Wait until every node that is needed reports that it runs."""
+        reports = self._node.create_subscription(
+            LoopStatus, "loop_status", self._hear_status, status_qos()
+        )
+        self._wait(lambda: self._running >= set(NEEDED), self._missing, START_S)
+        self._node.destroy_subscription(reports)
+
     def _measure(self) -> None:
         number = self._plan.reflector
         self._say(f"laser tracker measures reflector {number}")
@@ -188,12 +195,18 @@ class Story:
         self._enter(OperatingMode.PRETIGHTENING)
         # Old zeros are forgotten when the bridge hears of the mode.
         self._pause(SETTLE_S)
-        self._wait(self._zeroed, lambda: "the zeros of all limbs", STEP_S)
-        self._pause(SETTLE_S)
+        # Only now, and without a callback: the samples come at 1 kHz, and the cores are few.
+        state = Input(self._node, "limb_state", self._layout, control_qos(lockstep=False))
 
-    def _zeroed(self) -> bool:
-        self._state.take()
-        return self._state.record is not None and bool(self._state.record["zeroed"].all())
+        def zeroed() -> bool:
+            state.take()
+            return state.record is not None and bool(state.record["zeroed"].all())
+
+        try:
+            self._wait(zeroed, lambda: "the zeros of all limbs", STEP_S)
+        finally:
+            self._node.destroy_subscription(state.subscription)
+        self._pause(SETTLE_S)
 
     def _enter(self, mode: OperatingMode) -> None:
         """Ask for a mode until it is granted, then wait until it is there."""
@@ -204,7 +217,7 @@ class Story:
             request = self._set_mode.call_async(SetMode.Request(mode=int(mode)))
             until = time.monotonic() + ANSWER_S
             while not request.done() and time.monotonic() < until:
-                self._spin(0.05)
+                self._spin(POLL_S)
             if not request.done():
                 self._set_mode.remove_pending_request(request)
                 refusal = "the supervisor does not answer"
@@ -249,7 +262,7 @@ class Story:
             self._look_for_fault()
             if not time.monotonic() < give_up:
                 raise StoryError(f"waited {seconds:.0f} s in vain for {what()}")
-            self._spin(0.02)
+            self._spin(POLL_S)
 
     def _look_for_fault(self) -> None:
         if self._mode == OperatingMode.FAULT:
@@ -258,7 +271,7 @@ class Story:
     def _pause(self, seconds: float) -> None:
         until = time.monotonic() + seconds / min(self._plan.speed, 1.0)
         while (left := until - time.monotonic()) > 0.0:
-            self._spin(min(left, 0.05))
+            self._spin(min(left, POLL_S))
             self._look_for_fault()
 
     def _spin(self, seconds: float) -> None:
