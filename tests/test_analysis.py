@@ -25,7 +25,7 @@ from cabols_sim.analysis import (
     table,
 )
 from cabols_sim.closed_loop import simulate
-from cabols_sim.figures import decimate, write_figures
+from cabols_sim.figures import decimate, draw_story, write_figures
 from cabols_sim.plant_config import PlantConfig
 from cabols_sim.recorded_run import BenchRun
 from cabols_sim.report import write_report
@@ -136,6 +136,66 @@ def make_bag(program: str = "multi_axis", linear: bool = False) -> Bag:
     return Bag(Path("/bags/fake"), {"program": program, "rig": "a: 1\n"}, START_NS, topics, counts)
 
 
+def make_session() -> Bag:
+    """The bag above with free-moving before it, in which the platform moves, and an unloading."""
+    bag = make_bag()
+    stamps = bag["limb_state"].stamp_ns
+    k = stamps.size
+    first, loading_ns, last_ns = int(stamps[0]), int(stamps[BEFORE]), int(stamps[-1])
+    end_ns = last_ns - 499_000_000
+    mode = series(
+        "mode",
+        [0, first + 20_000_000, loading_ns - 50_000_000, loading_ns, end_ns, last_ns - 299_000_000],
+        mode=np.array([0, 3, 1, 2, 5, 0], np.uint8),
+        reason=["start", *["requested"] * 3, "on the way to STOPPED", "unloaded"],
+    )
+    tension = bag["limb_state"]["tension"].copy()
+    # No zero is known until 100 ms, then all limbs hold 7 N, but for one peak and one dip.
+    tension[100 : BEFORE - 50] = 7.0
+    tension[120, 3], tension[150, 5] = 11.5, 2.25
+    # What no phase may count: a peak in pre-tightening, the load's own, one while unloading.
+    tension[BEFORE - 30, 2] = 60.0
+    tension[k - 400, 1] = 44.0
+    tension[k - 100, 6] = 9.5
+    state = series("limb_state", stamps, **{**bag["limb_state"]._columns, "tension": tension})
+    pose_ns = stamps[::4]
+    seconds = 1e-9 * (pose_ns - first)
+    # 50 mm/s along x from 40 to 240 ms: 10 mm.
+    position = {"x": 0.05 * np.clip(seconds - 0.04, 0.0, 0.2), "y": 0 * seconds, "z": 0 * seconds}
+    pose = {f"pose.position.{axis}": values for axis, values in position.items()}
+    pose |= {
+        f"pose.orientation.{axis}": np.full(pose_ns.size, 1.0 * (axis == "w")) for axis in "xyzw"
+    }
+    status = bag["loop_status"]
+    size = len(status)
+    return changed(
+        bag,
+        limb_state=state,
+        mode=mode,
+        platform_pose=series("platform_pose", pose_ns, **pose),
+        joint_states=series("joint_states", pose_ns, position=np.tile(seconds[:, None], (1, 6))),
+        reflector_measurement=series(
+            "reflector_measurement",
+            [first + 200_000_000, first + 210_000_000],
+            success=np.array([True, False]),
+        ),
+        loop_status=series(
+            "loop_status",
+            status.stamp_ns,
+            **{
+                **status._columns,
+                "node": ["plant" if i % 2 else "abb_tracker_bridge" for i in range(size)],
+                "lost": np.minimum(np.arange(size), 6.0),
+            },
+        ),
+    )
+
+
+@cache
+def session_run() -> BenchRun:
+    return join_run(make_session())
+
+
 def keep(entry: Series, rows) -> Series:
     columns = {
         name: [values[k] for k in np.arange(len(entry))[rows]]
@@ -184,6 +244,67 @@ def test_modes_are_intervals_from_the_start_of_loading():
     assert modes[0].start == pytest.approx(-0.3)
     assert modes[2].start == 0.0
     assert modes[2].end == pytest.approx(whole_run().time[-1])
+
+
+def test_phases_of_a_session_are_judged_apart():
+    summary = summarise(session_run(), load_rig())
+    assert summary["free_moving_s"] == pytest.approx(0.23)
+    assert summary["free_moving_tension_max_n"] == 11.5
+    assert summary["free_moving_tension_min_n"] == 2.25
+    assert summary["free_moving_speed_max_m_per_s"] == pytest.approx(0.05, rel=1e-6)
+    assert summary["free_moving_way_m"] == pytest.approx(0.01, rel=0.25)
+    assert summary["unloading_s"] == pytest.approx(0.2)
+    assert summary["unloaded_tension_max_n"] == 9.5
+    assert summary["pose_packets_lost"] == 6
+    assert summary["reflectors_measured"] == 1
+    # The load is judged from its own samples: as without the session, but for its last half second.
+    assert summary["samples"] == 20_000
+    assert summary["tension_max_n"] == pytest.approx(whole_summary()["tension_max_n"])
+    assert summary["loading_ended_by"].startswith("UNLOADING")
+    assert len(json.dumps(summary, allow_nan=False)) > 0
+
+
+@pytest.mark.parametrize(
+    ("quantity", "bad"),
+    [
+        ("free-moving: highest tension", {"free_moving_tension_max_n": 15.1}),
+        ("free-moving: lowest tension", {"free_moving_tension_min_n": 0.0}),
+        ("after unloading", {"unloaded_tension_max_n": 15.1}),
+        ("pose packets lost", {"pose_packets_lost": 1}),
+    ],
+)
+def test_a_session_out_of_its_limits_is_not_met(quantity, bad):
+    good = {**summarise(session_run(), load_rig()), "pose_packets_lost": 0}
+
+    def row(summary):
+        return next(check for check in checks(summary) if check.quantity.startswith(quantity))
+
+    assert row(good).met is True
+    assert row({**good, **bad}).met is False
+
+
+def test_a_run_without_free_moving_has_no_such_rows():
+    assert whole_summary()["free_moving_tension_max_n"] is None
+    assert not [c for c in checks(whole_summary()) if "free-moving" in c.quantity]
+
+
+def test_a_fault_after_the_end_is_only_the_nodes_ending():
+    bag = make_session()
+    status = bag["loop_status"]
+    last = status.stamp_ns.size - 1
+    state = np.where(np.arange(last + 1) == last, 2, 1)
+    reasons = ["" if s == 1 else "no packet" for s in state]
+
+    def faults(logged_ns):
+        entry = series(
+            "loop_status", status.stamp_ns, **{**status._columns, "state": state, "reason": reasons}
+        )
+        entry.log_time_ns[last] = logged_ns
+        return summarise(join_run(changed(bag, loop_status=entry)), load_rig())["faults"]
+
+    end_ns = int(bag["limb_state"].stamp_ns[-1])
+    assert faults(end_ns + 1) == {}
+    assert list(faults(end_ns - 1).values()) == ["no packet"]
 
 
 def test_counters_are_those_of_loading():
@@ -241,6 +362,7 @@ def test_wrench_is_turned_to_base_axes():
     half = np.sqrt(0.5)
     turn = {"x": 0.0, "y": 0.0, "z": half, "w": half}
     columns = {f"pose.orientation.{axis}": np.full(stamps.size, v) for axis, v in turn.items()}
+    columns |= {f"pose.position.{axis}": np.zeros(stamps.size) for axis in "xyz"}
     run = join_run(changed(bag, platform_pose=series("platform_pose", stamps, **columns)))
     straight = whole_run().measured
     # A quarter turn about z: the platform's x is the base's y.
@@ -367,6 +489,21 @@ def test_figures_are_pictures(tmp_path):
     for path in paths:
         assert path.read_bytes().startswith(b"\x89PNG")
         assert path.stat().st_size > 20_000
+
+
+def test_a_session_has_its_own_picture(tmp_path):
+    summary = summarise(session_run(), load_rig())
+    paths = write_figures(session_run(), tmp_path, summary)
+    story = next(path for path in paths if path.stem == "story")
+    assert story.stat().st_size > 20_000
+    page = write_report(tmp_path / "report.html", session_run(), summary)
+    assert "The whole session over time" in page.read_text(encoding="utf-8")
+    figure = draw_story(session_run())
+    text = " ".join(t.get_text() for axes in figure.axes for t in axes.texts)
+    for word in ("free-moving", "loading", "unload", "at most 15 N", "tracker measures"):
+        assert word in text
+    labels = [axes.get_ylabel() for axes in figure.axes[1:]]
+    assert all("[" in label for label in labels)
 
 
 class Loads(HTMLParser):

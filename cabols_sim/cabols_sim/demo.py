@@ -1,18 +1,25 @@
-"""The demo: a 6-DOF wrench trajectory on the simulated rig, recorded, analysed, reported."""
+"""The demo: a session on the simulated rig, recorded, analysed, reported.
+
+The robot moves, the cables follow; the limbs pre-tighten, load the robot by a 6-DOF wrench
+trajectory, unload.
+"""
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import shutil
 import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
+from cabols_control.processes import Ended
 from cabols_control.programs import BUILT_IN, load_program
 from cabols_control.rig import load_rig
-from cabols_sim.bench_run import run_bench, two_cores
+from cabols_sim.bench_run import isolated_environment, run_bench, two_cores
 
 STALL_S = 0.1
 """Watchdogs of the demo; a rig's own stay at the 10 and 15 ms of their configuration files."""
@@ -27,6 +34,7 @@ class Progress:
         self._duration = duration_s
         self._began = time.monotonic()
         self._loading: float | None = None
+        self._starting = True
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._tick, daemon=True)
 
@@ -42,10 +50,17 @@ class Progress:
 
     def line(self, node: str, text: str) -> None:
         """Show a node's line if it is an event."""
-        if "programme" in text and self._loading is None:
-            self._loading = time.monotonic()
+        if "programme done" in text:
+            self._loading = None
+        elif "programme" in text:
+            self._loading, self._starting = time.monotonic(), False
         if any(word in text for word in EVENTS):
             self.say(f"{node}: {text.rpartition(']: ')[2]}")
+
+    def step(self, text: str) -> None:
+        """Show what the operator does next."""
+        self._starting = False
+        self.say(text)
 
     def say(self, text: str) -> None:
         """Print one line with the time since start."""
@@ -53,28 +68,59 @@ class Progress:
 
     def _tick(self) -> None:
         while not self._stop.wait(5.0):
-            if self._loading is None:
+            loading = self._loading
+            if self._starting:
                 self.say("starting")
-            else:
-                done = min(time.monotonic() - self._loading, self._duration)
+            elif loading is not None:
+                done = min(time.monotonic() - loading, self._duration)
                 self.say(f"loading: {done:.0f} of {self._duration:.0f} s")
 
 
 def main() -> int:
     """Run the demo; returns 0, 1 after a failure, 130 after Ctrl-C."""
     arguments = _arguments()
-    output = arguments.output
     program = load_program(arguments.program)
+    # ROS's wheels start Python anew when they are first imported: before anything is done.
+    story_module = None if arguments.rigid else importlib.import_module("cabols_sim.ros.story")
+    output = arguments.output
     bag = output / "bag"
     shutil.rmtree(output, ignore_errors=True)
     output.mkdir(parents=True)
-    print(f"cabols demo: {program.name} on the simulated eight-cable rig, real time at 1 kHz")
+    devices = "" if arguments.rigid else ", robot and laser tracker"
+    print(
+        f"cabols demo: {program.name} on the simulated eight-cable rig{devices}, "
+        "real time at 1 kHz",
+        flush=True,
+    )
+    environment = isolated_environment()
+    values = {**_values(arguments, bag, program.name), **two_cores()}
+    with Progress(program.duration) as progress:
+        story, on_start = None, None
+        if story_module is not None:
+            plan = story_module.StoryPlan(arguments.program, program.duration, arguments.speed)
+            domain = int(environment["ROS_DOMAIN_ID"])
+            story = story_module.Story(plan, domain, progress.step)
+            on_start = story.start
+        try:
+            ended = run_bench(values, progress.line, output / "log", environment, on_start)
+        finally:
+            if story is not None:
+                story.stop()
+    failure = _failure(ended, story, output / "log")
+    if failure:
+        print(f"error: {failure}; the bag is {bag}", file=sys.stderr)
+        return 1
+    if not ended.first and not (story is not None and story.done):
+        print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
+        return 130
+    return _report(output, bag)
+
+
+def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str, Any]:
+    """Arguments of the graph."""
     values = {
-        "program": arguments.program,
-        "auto_start": True,
-        "exit_when_done": True,
         "output": str(bag),
-        "description": f"{program.name}, scale 1, simulated rig, seed {arguments.seed}",
+        "description": f"{program}, scale 1, simulated rig, seed {arguments.seed}",
         "fifo_priority": arguments.fifo_priority,
         "seed": arguments.seed,
         "linear": arguments.linear,
@@ -82,25 +128,36 @@ def main() -> int:
         # A desktop's kernel may stall for longer than a rig's watchdog allows.
         "watchdog": STALL_S,
         "command_timeout": STALL_S,
-        **two_cores(),
     }
-    with Progress(program.duration) as progress:
-        ended = run_bench(values, progress.line, output / "log")
-    if not ended.first:
-        print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
-        return 130
-    if ended.first != "load_program" or ended.code != 0:
-        print(
-            f"error: {ended.first} ended with code {ended.code}; its output is "
-            f"{output / 'log' / (ended.first + '.log')}",
-            file=sys.stderr,
+    if arguments.rigid:
+        return {
+            **values,
+            "program": arguments.program,
+            "auto_start": True,
+            "exit_when_done": True,
+        }
+    return {**values, "robot": True, "stale_after": 2.0 * STALL_S}
+
+
+def _failure(ended: Ended, story: Any, log: Path) -> str:
+    """What went wrong; empty if nothing did, or Ctrl-C came."""
+    if story is not None and story.error is not None:
+        return str(story.error)
+    expected = ended.first == "load_program" and ended.code == 0 and story is None
+    if ended.first and not expected:
+        return (
+            f"{ended.first} ended with code {ended.code}; its output is "
+            f"{log / (ended.first + '.log')}"
         )
-        return 1
-    return _report(output, bag)
+    return ""
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="demo", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="demo",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--output", type=Path, default=Path("build/demo"), help="folder to fill")
     parser.add_argument(
         "--program",
@@ -113,6 +170,11 @@ def _arguments() -> argparse.Namespace:
         type=float,
         default=1.0,
         help="below 1 the rig moves in slow motion, while programmes keep the wall's time",
+    )
+    parser.add_argument(
+        "--rigid",
+        action="store_true",
+        help="only pre-tighten and load, on a target that never moves: no robot, no tracker",
     )
     parser.add_argument("--linear", action="store_true", help="simulate the linear plant")
     parser.add_argument(
@@ -138,11 +200,12 @@ def _report(output: Path, bag: Path) -> int:
     print(table(summary))
     (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     print("figures, reproductions of the source's results, report", flush=True)
-    write_figures(run, output)
+    write_figures(run, output, summary)
     reproductions = run_all(output / "reproductions")
     write_report(output / "report.html", run, summary, reproductions)
-    for name in ("summary.json", "overview.png", "report.html"):
-        print(f"  {output / name}")
+    for name in ("summary.json", "overview.png", "story.png", "report.html"):
+        if (output / name).exists():
+            print(f"  {output / name}")
     return 0
 
 

@@ -14,6 +14,15 @@ from cabols_control.checks import FloatArray
 from cabols_control.rig import load_rig
 from cabols_sim.analysis import summarise
 from cabols_sim.recorded_run import BenchRun
+from cabols_sim.story_figure import (
+    FREE_SCALE_N,
+    draw_bands,
+    draw_motion,
+    finish,
+    free_limit,
+    has_story,
+    story_panels,
+)
 
 COMPONENTS = ("$f_x$ [N]", "$f_y$ [N]", "$f_z$ [N]", "$m_x$ [N m]", "$m_y$ [N m]", "$m_z$ [N m]")
 LIMB_COLOURS = (
@@ -241,6 +250,35 @@ def draw_overview(run: BenchRun, summary: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def draw_story(run: BenchRun) -> Figure:
+    """The whole session over time: modes, joints, the platform's speed, tensions twice.
+
+    In the upper of the two the scale shows free-moving, in the lower the load.
+    """
+    figure = new_figure(13.0, 11.0)
+    panels = story_panels(figure)
+    start = float(run.time[0])
+    draw_bands(panels, run, start)
+    _, joints, speed, low, whole = panels
+    draw_motion(joints, speed, run.motion, start)
+    tidy(joints, "joint change [deg]")
+    tidy(speed, "platform [mm/s]")
+    speed.set_ylim(bottom=0.0)
+    for axes, label in ((low, "tension, low [N]"), (whole, "tension [N]")):
+        for limb in range(run.limbs):
+            colour = LIMB_COLOURS[limb % len(LIMB_COLOURS)]
+            curve = (run.time - start, run.tension[:, limb])
+            _curve(axes, *curve, color=colour, lw=1.1, label=f"limb {limb + 1}")
+        tidy(axes, label)
+    free_limit(low, run, start, LIMIT)
+    low.set_ylim(-1.0, FREE_SCALE_N)
+    handles = whole.get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=8, fontsize=12)
+    finish(panels, run, start)
+    figure.suptitle("The session: modes, robot, tensions (estimates)", fontsize=15)
+    return figure
+
+
 def write_figures(
     run: BenchRun, folder: str | Path, summary: Mapping[str, Any] | None = None
 ) -> list[Path]:
@@ -252,7 +290,8 @@ def write_figures(
         summary: from summarise, for limits and rise times; None: judged by the reference bench.
 
     Returns:
-        Paths: overview.png, wrench.png, tensions.png, tension_errors.png, currents.png.
+        Paths: overview.png, wrench.png, tensions.png, tension_errors.png, currents.png, and
+        story.png if the rig was free-moving.
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
@@ -264,6 +303,8 @@ def write_figures(
         "tension_errors": lambda: draw_tension_errors(run),
         "currents": lambda: draw_currents(run, numbers),
     }
+    if has_story(run):
+        drawings["story"] = lambda: draw_story(run)
     paths = []
     for name, draw in drawings.items():
         path = target / f"{name}.png"

@@ -13,6 +13,7 @@ from cabols_control.bags.reader import Bag, Series, read_bag
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.errors import CabolsError
 from cabols_control.modes import OperatingMode
+from cabols_sim.recorded_motion import RecordedMotion, join_motion
 
 NEEDED = ("limb_state", "wrench", "tension_command", "motor_current", "mode")
 FORCES = tuple(f"wrench.force.{axis}" for axis in "xyz")
@@ -98,6 +99,7 @@ class BenchRun:
         modes: in order of time.
         health: by node.
         lost: samples missing in the bag, by topic.
+        motion: of robot and platform.
     """
 
     name: str
@@ -118,6 +120,7 @@ class BenchRun:
     modes: tuple[ModeInterval, ...]
     health: dict[str, NodeHealth]
     lost: dict[str, int]
+    motion: RecordedMotion
 
     @property
     def limbs(self) -> int:
@@ -170,6 +173,7 @@ def join_run(bag: Bag) -> BenchRun:
         modes=_modes(bag, begin, int(stamps[-1])),
         health=_health(bag, begin, end),
         lost=_lost(bag, stamps),
+        motion=join_motion(bag, begin),
     )
 
 
@@ -273,6 +277,7 @@ def _health(bag: Bag, begin_ns: int, end_ns: int) -> dict[str, NodeHealth]:
     nodes = np.array(series["node"])
     values = {name: _column(series, name) for name in (*COUNTERS, *TIMINGS)}
     state, reasons = np.asarray(series["state"]), series["reason"]
+    over_ns = _over(bag)
     found: dict[str, NodeHealth] = {}
     for node in dict.fromkeys(nodes.tolist()):
         mine = np.flatnonzero(nodes == node)
@@ -284,7 +289,11 @@ def _health(bag: Bag, begin_ns: int, end_ns: int) -> dict[str, NodeHealth]:
             for name in COUNTERS
         }
         timings: dict[str, Any] = {name: float(np.median(values[name][timed])) for name in TIMINGS}
-        faults = [str(reasons[k]) for k in mine if state[k] == STATUS_FAULT]
+        faults = [
+            str(reasons[k])
+            for k in mine
+            if state[k] == STATUS_FAULT and series.log_time_ns[k] <= over_ns
+        ]
         found[str(node)] = NodeHealth(
             **grown,
             **timings,
@@ -292,6 +301,17 @@ def _health(bag: Bag, begin_ns: int, end_ns: int) -> dict[str, NodeHealth]:
             fault=faults[-1] if faults else "",
         )
     return found
+
+
+def _over(bag: Bag) -> int:
+    """When the run was over [ns]: nodes that end in their order then miss each other.
+
+    That is at the last sample, if the rig was STOPPED; else a node's end is worth telling.
+    """
+    changes = _mode_changes(bag)
+    if not changes or changes[-1][1] != OperatingMode.STOPPED:
+        return int(np.iinfo(np.int64).max)
+    return int(bag["limb_state"].log_time_ns.max())
 
 
 def _last(values: FloatArray, rows: Any, otherwise: Any) -> float:

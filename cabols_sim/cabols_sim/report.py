@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,9 +24,19 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cabols_control.checks import FloatArray
 from cabols_sim.analysis import checks
-from cabols_sim.figures import DESIRED, LIMB_COLOURS, LIMIT, MEASURED, decimate, tension_ticks
+from cabols_sim.figures import (
+    DESIRED,
+    DPI,
+    LIMB_COLOURS,
+    LIMIT,
+    MEASURED,
+    decimate,
+    draw_story,
+    tension_ticks,
+)
 from cabols_sim.recorded_run import BenchRun
 from cabols_sim.reproductions.common import Reproduction
+from cabols_sim.story_figure import has_story
 
 POINTS = 5000
 """Per curve."""
@@ -79,6 +90,7 @@ def write_report(
         bokeh_script=script,
         checks=checks(summary),
         faults=summary["faults"],
+        story=_story(run) if has_story(run) else "",
         plots=[_Plot(div, wide) for div, (_, wide) in zip(divs, plots, strict=True)],
         modes=run.modes,
         nodes=run.health,
@@ -94,6 +106,13 @@ def write_report(
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(text, encoding="utf-8")
     return target
+
+
+def _story(run: BenchRun) -> str:
+    """Picture of the session as base64."""
+    picture = io.BytesIO()
+    draw_story(run).savefig(picture, format="png", dpi=DPI)
+    return base64.b64encode(picture.getvalue()).decode("ascii")
 
 
 def _shown(item: Reproduction) -> dict[str, Any]:

@@ -55,6 +55,7 @@ CONTROL_TOPICS = (
     "platform_pose",
     "true_limb_state",
     "true_wrench",
+    "joint_states",
 )
 """Topics with control_qos."""
 

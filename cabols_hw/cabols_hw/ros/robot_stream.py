@@ -34,6 +34,9 @@ class JointStateBytes:
         self._raw = bytearray(serialize_message(message))
         self._format = struct.Struct(f"<{len(names)}d")
         self._at = bytes(self._raw).index(self._format.pack(*marks))
+        # serialize_message may leave unused bytes behind the message, which strict readers of a bag
+        # refuse: it ends with the lengths of velocity and effort, both zero.
+        del self._raw[self._at + self._format.size + 8 :]
 
     def raw(self, stamp_ns: int, positions: Sequence[float]) -> bytes:
         """Return the bytes to publish, for a time [ns] and angles [rad]."""
