@@ -18,21 +18,13 @@ from cabols_control.limb_references import (
     ramp_into,
     references_into,
 )
-from cabols_control.modes import OperatingMode
+from cabols_control.modes import MOVING, OperatingMode
 from cabols_control.rig import Rig
 
 LONGEST_STEP_S = 0.010
 """A longer gap between states makes a derivative worthless: the law is reset without a bump."""
 UNLOADED_WITHIN_N = 3.0
 """So near the holding tension a limb counts as unloaded: dry friction keeps it off the rest."""
-MOVING = (
-    OperatingMode.PRETIGHTENING,
-    OperatingMode.LOADING,
-    OperatingMode.FREE_MOVING,
-    OperatingMode.UNLOADING,
-    OperatingMode.COMMISSIONING,
-)
-"""Modes in which currents may flow."""
 
 
 @dataclass(frozen=True, eq=False)

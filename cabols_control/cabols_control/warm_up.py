@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from cabols_control.limb import identify_limb
-from cabols_control.limb_controller import MOVING, LimbController, LimbSample, TensionSetpoint
-from cabols_control.modes import OperatingMode
+from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.modes import MOVING, OperatingMode
 from cabols_control.rig import Rig, load_rig
 from cabols_control.tension import distribute
 from cabols_control.wrench_controller import DesiredWrench, WrenchController

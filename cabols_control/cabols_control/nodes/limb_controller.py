@@ -9,8 +9,8 @@ import numpy as np
 
 from cabols_control.checks import BoolArray
 from cabols_control.errors import ConfigError
-from cabols_control.limb_controller import MOVING, LimbController, LimbSample, TensionSetpoint
-from cabols_control.modes import OperatingMode
+from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.modes import MOVING, OperatingMode
 from cabols_control.nodes.commission_server import CommissionServer
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
