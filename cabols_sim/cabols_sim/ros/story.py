@@ -38,6 +38,8 @@ RETRY_S = 0.3
 SETTLE_S = 0.7
 """Between a change of mode and what needs it: every node hears of it at its own time."""
 END_S = 1.0
+ENDING_S = 6.0
+"""The graph may take so long to end."""
 POLL_S = 0.1
 """Every look at what has arrived takes time from the rig's loops on a small machine."""
 
@@ -109,7 +111,9 @@ class Story:
         except _InterruptedError:
             pass
         except Exception as error:
-            self.error = error
+            # Ctrl-C ends the plant first, of which the others complain: then it is no error.
+            if not self._stop.wait(ENDING_S):
+                self.error = error
         finally:
             self._close()
             if not self._stop.is_set():
