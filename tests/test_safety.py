@@ -93,7 +93,7 @@ def test_switch_stuck_closed_is_found_at_the_next_pretightening(loaded, limb):
     loaded.mode = OperatingMode.PRETIGHTENING
     began_s = loaded.now_s
     while loaded.guard.fault is None and loaded.now_s < began_s + 10.0:
-        loaded.step()
+        loaded.cycle()
     assert loaded.guard.fault.name == "switch"
     assert loaded.guard.fault.limb == limb
     assert "closed after paying out 100 mm" in loaded.guard.fault.reason
@@ -107,7 +107,7 @@ def test_switch_stuck_open_does_not_overload_in_pretightening(loaded, limb):
     loaded.mode = OperatingMode.PRETIGHTENING
     began_s = loaded.now_s
     while loaded.guard.fault is None and loaded.now_s < began_s + 10.0:
-        loaded.step()
+        loaded.cycle()
     assert loaded.guard.fault.name == "switch"
     assert loaded.guard.fault.limb == limb
     loaded.run(0.3)

@@ -150,6 +150,7 @@ class Argument:
 _BRIDGES = ("plant", "q8_ati_bridge")
 _LOOPS = (*_BRIDGES, "limb_controller", "wrench_controller")
 _ROBOT = ("abb_tracker_bridge",)
+_DEVICES = "device_simulator"
 _ALL = (*_LOOPS, "supervisor", "load_program", "recorder", *_ROBOT)
 ARGUMENTS = (
     Argument("geometry_file", "", "YAML of the geometry; empty: reference bench", _ALL),
@@ -195,7 +196,7 @@ ARGUMENTS = (
         "other_cpu",
         -1,
         "core for the other nodes; -1: any",
-        ("wrench_controller", "supervisor", "load_program", "recorder", *_ROBOT),
+        ("wrench_controller", "supervisor", "load_program", "recorder", *_ROBOT, _DEVICES),
         parameter="cpu",
     ),
     Argument("record", True, "record a bag", ()),
@@ -204,6 +205,9 @@ ARGUMENTS = (
     Argument("program", "", "load programme to run at the first LOADING", ("load_program",)),
     Argument("scale", 1.0, "factor on the programme's wrench", ("load_program",)),
     Argument("exit_when_done", False, "end everything after the programme", ("load_program",)),
+    Argument(
+        "state_timeout", 0.2, "s without a limb state until the supervisor stops", ("supervisor",)
+    ),
     Argument("auto_start", False, "pre-tighten and load without being asked", ("supervisor",)),
     Argument("plant_file", "", "YAML of the simulated rig; empty: bench", ("plant",), ("bench",)),
     Argument("linear", False, "simulate the linear plant", ("plant",), ("bench",)),
@@ -228,7 +232,10 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
             for a in ARGUMENTS
             if node.executable in a.nodes and values.get(a.name, a.default) != a.default
         }
-        found.append(node.with_parameters(**meant))
+        if node.options:
+            found.append(replace(node, options={**node.options, **meant}))
+        else:
+            found.append(node.with_parameters(**meant))
     return found
 
 

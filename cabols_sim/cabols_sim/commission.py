@@ -9,13 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.graph import NodeSpec
-from cabols_sim.bench_run import run_bench, two_cores
+from cabols_sim.bench_run import forgiving, run_bench, two_cores
 
 TOOL = "commission"
-STALL_S = 0.1
-"""Watchdogs as in the demo: a desktop's kernel may stall for longer than a rig's allow."""
-STALE_S = 0.2
-"""Likewise for the robot's pose."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +36,7 @@ def main() -> int:
         "robot": arguments.robot,
         "seed": arguments.seed,
         "speed": arguments.speed,
-        "watchdog": STALL_S,
-        "command_timeout": STALL_S,
-        "stale_after": STALE_S,
+        **forgiving(arguments.speed),
         **two_cores(),
     }
     limbs = ", ".join(str(limb) for limb in arguments.limb or [])

@@ -19,10 +19,8 @@ from typing import Any
 from cabols_control.processes import Ended
 from cabols_control.programs import BUILT_IN, load_program
 from cabols_control.rig import load_rig
-from cabols_sim.bench_run import isolated_environment, run_bench, two_cores
+from cabols_sim.bench_run import forgiving, isolated_environment, run_bench, two_cores
 
-STALL_S = 0.1
-"""Watchdogs of the demo; a rig's own stay at the 10 and 15 ms of their configuration files."""
 EVENTS = ("mode ", "programme", "error", "ERROR", "WARN", "Error", "lost")
 
 
@@ -89,7 +87,7 @@ def main() -> int:
     devices = "" if arguments.rigid else ", robot and laser tracker"
     print(
         f"cabols demo: {program.name} on the simulated eight-cable rig{devices}, "
-        "real time at 1 kHz",
+        f"{arguments.speed:g} of real time, 1 kHz",
         flush=True,
     )
     environment = isolated_environment()
@@ -125,9 +123,7 @@ def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str,
         "seed": arguments.seed,
         "linear": arguments.linear,
         "speed": arguments.speed,
-        # A desktop's kernel may stall for longer than a rig's watchdog allows.
-        "watchdog": STALL_S,
-        "command_timeout": STALL_S,
+        **forgiving(arguments.speed),
     }
     if arguments.rigid:
         return {
@@ -136,7 +132,7 @@ def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str,
             "auto_start": True,
             "exit_when_done": True,
         }
-    return {**values, "robot": True, "stale_after": 2.0 * STALL_S}
+    return {**values, "robot": True}
 
 
 def _failure(ended: Ended, story: Any, log: Path) -> str:

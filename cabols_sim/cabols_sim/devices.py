@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import signal
 import sys
 import threading
@@ -36,6 +37,7 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--tracker-file", default="", help="YAML of the simulated tracker; empty: bench")
     add("--user", default=USER, help="of RWS")
     add("--password", default=PASSWORD, help="of RWS")
+    add("--cpu", type=int, default=-1, help="core to run on; -1: any")
     add("--seed", type=int, default=0, help="of lost packets")
     given = list(sys.argv[1:] if arguments is None else arguments)
     # `ros2 launch` adds arguments for a node, which this is not.
@@ -54,6 +56,8 @@ def _tracker(link: DeviceLink, options: argparse.Namespace) -> TrackerServer | N
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM."""
     options = _arguments(arguments)
+    if options.cpu >= 0:
+        os.sched_setaffinity(0, {options.cpu})
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())

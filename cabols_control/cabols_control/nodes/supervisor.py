@@ -40,6 +40,9 @@ class SupervisorNode(ControlNode):
             pretension_timeout_s=declare(
                 self, "pretension_timeout", 15.0, "s, pre-tightening may take so long", (0.1, 600.0)
             ),
+            state_timeout_s=declare(
+                self, "state_timeout", 0.2, "s, limb states may be silent so long", (0.01, 10.0)
+            ),
             unloaded_tension=1.7 * self.rig.limbs.switch_tension,
             # In lockstep the clock itself waits for the controllers.
             controllers=() if self.lockstep else needed,
