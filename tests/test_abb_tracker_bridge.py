@@ -12,16 +12,28 @@ import pytest
 from cabols_msgs.action import MoveToConfiguration
 from cabols_msgs.msg import LoopStatus, Mode
 from rclpy.action import ActionClient
+from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
 from abb_harness import PATIENCE_S, running_controller, wait_until
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_hw.abb.configurations import load_configurations
+from cabols_hw.ros.robot_stream import JointStateBytes
 from cabols_sim.device_link import DeviceLink
 from graph_harness import Watcher, next_environment
 from test_abb_protocols import quiet_port
 
 pytestmark = pytest.mark.ros
+
+
+def test_joint_states_are_read_by_other_tools():
+    names = [f"joint_{i}" for i in range(1, 7)]
+    raw = JointStateBytes(names).raw(1_700_000_000_000_000_007, [0.1 * i for i in range(6)])
+    store = get_typestore(Stores.ROS2_JAZZY)
+    message = store.deserialize_cdr(raw, "sensor_msgs/msg/JointState")
+    assert message.name == names
+    np.testing.assert_array_equal(message.position, [0.1 * i for i in range(6)])
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_000, 7)
 
 
 def start(module: str, environment: dict[str, str], **parameters) -> subprocess.Popen:

@@ -96,6 +96,8 @@ def test_every_kind_can_be_made():
     assert len({kind.name for kind in KINDS}) == len(KINDS)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(240)
 def test_a_trial_on_the_real_graph(tmp_path):
     """A cable breaks in the loaded rig, with robot and tracker: found, safe, written down."""
     code = "import sys\nfrom cabols_sim.ros.fault_campaign import main\nsys.exit(main())\n"
@@ -105,7 +107,7 @@ def test_a_trial_on_the_real_graph(tmp_path):
         env={**os.environ, **next_environment()},
         capture_output=True,
         text=True,
-        timeout=110,
+        timeout=230,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -10,7 +10,6 @@ from cabols_msgs.action import CommissionLimb
 from cabols_msgs.srv import SetMode
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.task import Future
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import BoolArray, FloatArray
@@ -29,6 +28,7 @@ from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
+from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import control_qos
 
 POLL_S = 0.1
@@ -169,7 +169,7 @@ class CommissionServer:
             await self._run(handle, programme)
         finally:
             self._ramp = self._wrench = None
-            await self._pause(POLL_S)
+            await pause(self._node, POLL_S)
             node.destroy_subscription(pose.subscription)
             node.destroy_subscription(wrench.subscription)
         await self._enter(OperatingMode.STOPPED)
@@ -205,7 +205,7 @@ class CommissionServer:
                     f"limbs {left} did not reach their switch within {PRETIGHTENED_S:g} s"
                 )
             handle.publish_feedback(CommissionLimb.Feedback(phase="pre-tightening"))
-            await self._pause(POLL_S)
+            await pause(self._node, POLL_S)
 
     async def _run(self, handle: Any, programme: Programme) -> None:
         """Hand a programme over and wait for its end."""
@@ -223,7 +223,7 @@ class CommissionServer:
                     phase=programme.phase, progress=float(programme.progress)
                 )
                 handle.publish_feedback(feedback)
-                await self._pause(POLL_S)
+                await pause(self._node, POLL_S)
         finally:
             programme.abort("given up")
         if programme.fault:
@@ -243,12 +243,12 @@ class CommissionServer:
         while not self._modes.service_is_ready():
             if time.monotonic() - began > ANSWER_S:
                 raise CommissioningError("no service set_mode: is the supervisor running?")
-            await self._pause(POLL_S)
+            await pause(self._node, POLL_S)
         future = self._modes.call_async(SetMode.Request(mode=int(mode)))
         while not future.done():
             if time.monotonic() - began > ANSWER_S:
                 raise CommissioningError(f"set_mode: no answer within {ANSWER_S:g} s")
-            await self._pause(0.5 * POLL_S)
+            await pause(self._node, 0.5 * POLL_S)
         answer = future.result()
         if answer is None or not answer.success:
             reason = "no answer" if answer is None else answer.message
@@ -267,13 +267,6 @@ class CommissionServer:
         except CommissioningError as error:
             return [str(error)]
         return []
-
-    async def _pause(self, seconds: float) -> None:
-        """Give the executor back for a while."""
-        future: Future = Future()
-        timer = self._node.create_timer(seconds, lambda: future.set_result(None))
-        await future
-        self._node.destroy_timer(timer)
 
 
 def _pose_of(pose: Input, rig: Rig) -> tuple[FloatArray, FloatArray]:

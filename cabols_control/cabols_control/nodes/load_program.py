@@ -11,7 +11,6 @@ from cabols_msgs.action import RunProgram
 from cabols_msgs.srv import SetMode
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.task import Future
 
 from cabols_control.errors import CabolsError
 from cabols_control.modes import OperatingMode
@@ -20,6 +19,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.loop import ControlLoop, Input, Output
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
+from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.ros.ticker import Ticker
 
@@ -207,19 +207,12 @@ class LoadProgramNode(ControlNode):
                 return RunProgram.Result(success=False, message=self._verdict)
             feedback.elapsed = self._now_s - self._began_s
             handle.publish_feedback(feedback)
-            await self._pause(FEEDBACK_S)
+            await pause(self, FEEDBACK_S)
         if self._verdict:
             handle.abort()
         else:
             handle.succeed()
         return RunProgram.Result(success=not self._verdict, message=self._verdict or "done")
-
-    async def _pause(self, seconds: float) -> None:
-        """Give the executor back for a while."""
-        future: Future = Future()
-        timer = self.create_timer(seconds, lambda: future.set_result(None))
-        await future
-        self.destroy_timer(timer)
 
 
 def main() -> int:

@@ -15,12 +15,12 @@ from cabols_msgs.action import MeasureReflector, MoveToConfiguration
 from cabols_msgs.msg import ReflectorMeasurement
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.task import Future
 
 from cabols_control.errors import ConfigError
 from cabols_control.modes import OperatingMode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
+from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import status_qos
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
@@ -213,7 +213,7 @@ class AbbTrackerBridge(ControlNode):
                     elapsed=time.monotonic() - began, joints=self._joints()
                 )
             )
-            await self._pause(FEEDBACK_S)
+            await pause(self, FEEDBACK_S)
         self._motion = None
         self._finish(handle, worker)
         return MoveToConfiguration.Result(
@@ -259,7 +259,7 @@ class AbbTrackerBridge(ControlNode):
             handle.publish_feedback(
                 MeasureReflector.Feedback(phase="measuring", elapsed=time.monotonic() - began)
             )
-            await self._pause(FEEDBACK_S)
+            await pause(self, FEEDBACK_S)
         self._measurement = None
         message = self._measurement_message(request, worker)
         if worker.failure is None and not message.success:
@@ -305,13 +305,6 @@ class AbbTrackerBridge(ControlNode):
         reason = worker.failure if reading is None else reading.reason
         message.reason = "" if good else str(reason)
         return message
-
-    async def _pause(self, seconds: float) -> None:
-        """Give the executor back for a while."""
-        future: Future = Future()
-        timer = self.create_timer(seconds, lambda: future.set_result(None))
-        await future
-        self.destroy_timer(timer)
 
 
 def main() -> int:
