@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -97,4 +98,17 @@ def run_bench(
         ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
     )
     nodes = [*with_arguments(graph, values), *tools]
-    return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s)
+    with _on_core(values.get("other_cpu", -1)):
+        return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s)
+
+
+@contextmanager
+def _on_core(core: int) -> Iterator[None]:
+    """Keep this thread, and those that it starts, off the control path's core; -1: anywhere."""
+    before = os.sched_getaffinity(0)
+    if core >= 0:
+        os.sched_setaffinity(0, {core})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)

@@ -27,7 +27,7 @@ from cabols_control.bags.reader import read_bag
 from cabols_sim.bench_run import isolated_environment, run_bench, two_cores
 
 CONTROL_TOPICS = ("limb_state", "wrench", "motor_current", "tension_command", "desired_wrench")
-ROBOT_TOPICS = ("platform_pose",)
+ROBOT_TOPICS = ("platform_pose", "joint_states")
 GRAPHS = {"rigid_target": False, "all_bridges": True}
 """Name of a run: whether robot and tracker are in it."""
 YARDSTICKS = Path(__file__).with_name("yardsticks.py")
