@@ -66,6 +66,15 @@ def test_currents_that_never_end_are_never_safe():
     assert result.as_dict()["safe_time_s"] is None
 
 
+@pytest.mark.parametrize(("current", "safe_s"), [(0.0, 0.0), (0.1, None)])
+def test_frozen_bridge_is_judged_by_what_the_card_had_done(current, safe_s):
+    time = np.r_[np.arange(0.0, 0.005, 0.001), np.arange(0.4, 0.6, 0.001)]
+    currents = np.where(time < 0.1, 0.1, current)
+    result = judge("x", 0, data([report(0.05, "abb_tracker_bridge")], current=currents, time=time))
+    assert result.detection_time_s == pytest.approx(0.05)
+    assert result.as_dict()["safe_time_s"] == safe_s
+
+
 def test_claims_fail_for_each_reason():
     good = judge("cable breaks", 0, data([report(0.02)])).as_dict()
     order = [kind.name for kind in KINDS]

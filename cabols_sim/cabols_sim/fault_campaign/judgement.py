@@ -9,6 +9,9 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 
+CARD_WATCHDOG_S = 0.010
+GAP_S = 0.020
+"""A longer gap between samples means that the bridge itself stood still."""
 TOLERANCE_N = 5.0
 """After the reaction no tension may exceed the highest at detection by more than this."""
 
@@ -85,6 +88,10 @@ def judge(kind: str, seed: int, data: TrialData) -> TrialResult:
     the bridge unloading by itself, which its fault report tells) and after which no tension exceeds
     the highest at detection by more than TOLERANCE_N. A report without a fault, as of a desired
     wrench that has stopped coming, has its reaction in force at once: the load is ramped down.
+    Where the bridge itself stands still it cannot tell: the card's watchdog has zeroed the outputs
+    CARD_WATCHDOG_S into the gap if the first sample after it finds them at zero. Where it is gone
+    for good, and with it the simulated physics, the rig counts as safe: that watchdog is shown by
+    the frozen bridge and by tests/test_daq_contract.py.
     """
     first = min(data.reports, key=lambda report: report.stamp_s, default=None)
     force = float(np.linalg.norm(data.wrench[:, :3], axis=1).max(initial=0.0))
@@ -110,20 +117,23 @@ def judge(kind: str, seed: int, data: TrialData) -> TrialResult:
 
 
 def _safe_s(data: TrialData, detected_s: float, first: Report) -> float:
-    after = data.time >= detected_s - 1e-9
-    time, tension = data.time[after], data.tension[after].max(axis=1, initial=0.0)
-    if time.size == 0:
-        # The physics ended with the process: nothing moved any more.
+    time, tension = data.time, data.tension.max(axis=1, initial=0.0)
+    resting = np.asarray(np.abs(data.current).max(axis=1, initial=0.0) < 1e-9)
+    after = time >= detected_s - 1e-9
+    if not after.any():
         return detected_s
-    high = time[tension > tension[0] + TOLERANCE_N]
+    before = tension[~after]
+    reference = float(before[-1] if before.size else tension[0])
+    high = time[after & (tension > reference + TOLERANCE_N)]
     settled_s = float(high[-1]) if high.size else detected_s
     if not first.fault:
         return settled_s
-    resting = time[(np.abs(data.current[after]) < 1e-9).all(axis=1)]
+    gaps = np.flatnonzero(np.diff(time) > GAP_S)
+    cut = time[gaps[resting[gaps + 1]]] + CARD_WATCHDOG_S
     guarded = [
         report.stamp_s
         for report in data.reports
         if report.node == "plant" and report.fault and report.stamp_s >= detected_s - 1e-9
     ]
-    reactions = [*guarded[:1], *resting[:1].tolist()]
-    return max(settled_s, min(reactions, default=np.inf))
+    reactions = [*guarded[:1], *time[after & resting][:1].tolist(), *cut.tolist()]
+    return max(settled_s, detected_s, min(reactions, default=np.inf))

@@ -38,7 +38,7 @@ class Campaign:
 
     def body(self, domain: int, pids: dict[str, int]) -> None:
         """Do the trials, then end the graph."""
-        watch = RigWatch(domain)
+        watch = RigWatch(domain, self._options.speed)
         trials = Trials(watch, pids, self._options.speed, self._options.output)
         began = time.monotonic()
         try:

@@ -152,9 +152,9 @@ class Trials:
                 os.kill(self._pids[kind.fault], signal.SIGCONT)
         if kind.how == "kill" and kind.fault == "plant":
             return
-        now_s = max(watch.now_s, fault_s)
+        now_s = max(watch.newest_s, fault_s)
         with suppress(RigError):
-            watch.wait(lambda: watch.now_s > now_s + AFTER_S, "more samples", 10.0)
+            watch.wait(lambda: watch.newest_s > now_s + AFTER_S, "more samples", 10.0)
 
     def _mend(self, kind: Kind) -> None:
         """Wait until a killed process is there again."""

@@ -48,8 +48,10 @@ class RigWatch:
         mode_reason: why it was entered.
     """
 
-    def __init__(self, domain: int) -> None:
-        """Join a DDS domain."""
+    def __init__(self, domain: int, speed: float = 1.0) -> None:
+        """Join a DDS domain; the rig's time passes at `speed` of this computer's."""
+        self._speed = speed
+        self._arrived = 0.0
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node(
@@ -111,6 +113,7 @@ class RigWatch:
                 record = self._state_input.record
                 row = (np.array(record["tension"]), np.array(record["current"]))
                 with self._lock:
+                    self._arrived = time.monotonic()
                     self._states.append((1e-9 * self._state_input.stamp_ns, *row))
             while self._wrench_input.take_one():
                 wrench = np.array(self._wrench_input.record["wrench"])
@@ -142,6 +145,14 @@ class RigWatch:
 
     @property
     def now_s(self) -> float:
+        """The rig's time: newest stamp, and what has passed since [s]; 0 before the first."""
+        with self._lock:
+            if not self._states:
+                return 0.0
+            return self._states[-1][0] + self._speed * (time.monotonic() - self._arrived)
+
+    @property
+    def newest_s(self) -> float:
         """Stamp of the newest state [s]; 0 before the first."""
         with self._lock:
             return self._states[-1][0] if self._states else 0.0
