@@ -28,6 +28,7 @@ from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
 IN_PATH = ("plant", "limb_controller", "wrench_controller")
+BEFORE_S = 0.005
 DEPTH = 5000
 """The watcher must see every sample, also when it is late itself."""
 
@@ -176,9 +177,9 @@ class RigWatch:
             return list(self._reports)
 
     def trial(self, fault_s: float) -> TrialData:
-        """Return what was seen from an instant on."""
+        """Return what was seen from an instant on, and the sample just before it."""
         with self._lock:
-            states = [row for row in self._states if row[0] >= fault_s]
+            states = [row for row in self._states if row[0] >= fault_s - BEFORE_S]
             wrenches = [row[1] for row in self._wrenches if row[0] >= fault_s]
             reports = tuple(self._reports)
             n = self._states[-1][1].size if self._states else 0
