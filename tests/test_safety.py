@@ -9,8 +9,8 @@ import pytest
 
 from cabols_control.errors import ConfigError
 from cabols_control.modes import OperatingMode
-from cabols_hw.safety import FAULTS, Reaction
 from cabols_hw.safety_config import SafetyConfig
+from cabols_hw.safety_faults import FAULTS, Reaction
 from cabols_sim.faults import KINDS, FaultError, PlantFaults
 from rig_harness import RigInOneProcess
 

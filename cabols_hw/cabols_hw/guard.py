@@ -8,8 +8,9 @@ from cabols_control.checks import FloatArray, IntArray
 from cabols_control.modes import MOVING, OperatingMode
 from cabols_control.rig import Rig
 from cabols_hw.bridge import Bridge
-from cabols_hw.safety import Fault, Reaction, SafetyEnvelope
+from cabols_hw.safety import SafetyEnvelope
 from cabols_hw.safety_config import SafetyConfig
+from cabols_hw.safety_faults import Fault, Reaction
 from cabols_hw.unloading import Unloading
 from cabols_hw.watchdog import CommandWatchdog, merge_into
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import IntEnum
-
 import numpy as np
 
 from cabols_control.checks import FloatArray
@@ -13,6 +10,7 @@ from cabols_control.rig import Rig
 from cabols_hw import safety_rules as rules
 from cabols_hw.bridge import SATURATED_VOLTS, Bridge
 from cabols_hw.safety_config import SafetyConfig
+from cabols_hw.safety_faults import Fault, same_kind
 
 UNDER_LOAD = (*LOADED, OperatingMode.COMMISSIONING)
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
@@ -22,70 +20,6 @@ SPEED_WINDOW_S = 0.02
 
 LONGEST_STEP_S = 0.005
 """After a longer gap speeds start anew; no rule counts more than this for one sample."""
-
-
-class Reaction(IntEnum):
-    """What the bridge does about a fault; the larger, the harder."""
-
-    NONE = 0
-    UNLOAD = 1
-    """Ramp all trusted limbs down by itself, then zero current."""
-    CUT = 2
-    """Zero current at once; the gears hold what tension there is."""
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A broken rule.
-
-    Attributes:
-        name: one of FAULTS, for diagnostics and tables.
-        reason: what was expected and what came.
-        limb: which limb must not be moved any more; -1 for none in particular.
-    """
-
-    name: str
-    reason: str
-    limb: int = -1
-
-    @property
-    def reaction(self) -> Reaction:
-        """What is done about it."""
-        return FAULTS[self.name]
-
-    def __str__(self) -> str:
-        """Return the name and the reason, as they stand in `loop_status` and `mode`."""
-        return f"{self.name}: {self.reason}"
-
-
-def _same(one: Fault | None, other: Fault | None) -> bool:
-    return one is not None and other is not None and one.name == other.name
-
-
-FAULTS: dict[str, Reaction] = {
-    "tension": Reaction.UNLOAD,
-    "wrench": Reaction.UNLOAD,
-    "estimate": Reaction.UNLOAD,
-    "sensor_invalid": Reaction.UNLOAD,
-    "sensor_saturated": Reaction.UNLOAD,
-    "sensor_flat": Reaction.UNLOAD,
-    "cable": Reaction.UNLOAD,
-    "switch": Reaction.UNLOAD,
-    "pose": Reaction.UNLOAD,
-    "pose_speed": Reaction.UNLOAD,
-    "pose_age": Reaction.UNLOAD,
-    "current": Reaction.CUT,
-    "motion": Reaction.CUT,
-    "encoder": Reaction.CUT,
-    "state_age": Reaction.CUT,
-    "command_age": Reaction.CUT,
-    "card": Reaction.CUT,
-}
-"""Every fault that the bridge finds, and its reaction.
-
-Unloading moves the motors by the tension estimates: it is chosen where encoders and motors can be
-trusted, and cutting where they cannot, or where nobody knows what has happened in the meantime.
-"""
 
 AXES = ("x", "y", "z")
 
@@ -162,7 +96,7 @@ class SafetyEnvelope:
         dt_s = now_s - self._last_s
         self._last_s = now_s
         fault = self._find(now_s, dt_s, bridge, mode)
-        if mode == OperatingMode.STOPPED and not _same(self.fault, fault):
+        if mode == OperatingMode.STOPPED and not same_kind(self.fault, fault):
             self.fault = None
         self.fault = self.fault or fault
         return self.fault
