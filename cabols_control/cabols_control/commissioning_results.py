@@ -219,8 +219,8 @@ def _limbs_text(rig: Rig, results: Mapping[int, LimbResult]) -> str:
     values = {
         "stiffness": round(limbs.stiffness, 2),
         "switch_tension": limbs.switch_tension,
-        "gain": [round(value, 5) for value in limbs.gain],
-        "time_constant": [round(value, 5) for value in limbs.time_constant],
+        "gain": [round(value, 8) for value in limbs.gain],
+        "time_constant": [round(value, 8) for value in limbs.time_constant],
     }
     head = "# Limbs by commissioning: N/m, N, m/s/A, s.\n"
     return head + note + yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
