@@ -12,7 +12,6 @@ from cabols_hw.bridge import SATURATED_VOLTS, Bridge
 from cabols_hw.safety_config import SafetyConfig
 from cabols_hw.safety_faults import Fault, same_kind
 
-UNDER_LOAD = (*LOADED, OperatingMode.COMMISSIONING)
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
 SPEED_WINDOW_S = 0.02
@@ -349,7 +348,7 @@ class SafetyEnvelope:
             )
         if self._pose_fault is not None:
             return self._pose_fault
-        loaded = mode in UNDER_LOAD
+        loaded = mode in LOADED
         allowed = self._config.speed_loaded if loaded else self._config.speed_free
         if not self._speed <= allowed:
             return Fault(

@@ -67,7 +67,6 @@ class PlantFaults:
 
     Attributes:
         any: whether anything is wrong; the plant asks before it calls the rest.
-        count: how often something was injected.
     """
 
     def __init__(self, limbs: int) -> None:
@@ -76,7 +75,6 @@ class PlantFaults:
         self._active: list[_Active] = []
         self._frozen: dict[str, float] = {}
         self.any = False
-        self.count = 0
 
     def inject(
         self,
@@ -116,7 +114,6 @@ class PlantFaults:
         self._active.append(_Active(kind, limb, size, end_s, now_s))
         self._frozen = {}
         self.any = True
-        self.count += 1
         where = f" of limb {limb}" if described.per_limb else ""
         return f"{kind}{where}: {described.what}"
 

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
 from cabols_control.configuration import load_config, packaged
-from cabols_control.modes import OperatingMode
+from cabols_control.modes import MOVING, OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
@@ -31,9 +31,6 @@ from cabols_hw.safety_config import SafetyConfig
 RING = 1024
 ANSWER_WAIT_NS = 20_000_000
 LOCKSTEP_PATIENCE_S = 20.0
-
-AT_REST = (OperatingMode.STOPPED, OperatingMode.FAULT)
-"""Modes in which the outputs are zero whatever is commanded."""
 
 DaqFactory = Callable[["BridgeNode", Rig, CardConfig], Daq]
 
@@ -304,7 +301,7 @@ class BridgeNode(ControlNode):
         if self._guard.enabled != self._enabled:
             self._enabled = self._guard.enabled
             self.daq.enable(self._enabled)
-        if expired and self._mode in AT_REST:
+        if expired and self._mode not in MOVING:
             self.daq.clear_watchdog()
 
     def _hear_mode(self) -> None:
