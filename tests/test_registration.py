@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from cabols_control.errors import OutOfRangeError, ShapeError
-from cabols_hw.registration import RegistrationError, in_base, register_frame, register_pose
+from cabols_control.registration import RegistrationError, in_base, register_frame, register_pose
 from cabols_hw.tracker.beam import BeamNoise, beam_axes, predicted_covariance
 
 REFLECTORS = np.array([[0.07, 0.12, -0.02], [-0.07, 0.12, -0.02], [0.0, 0.09, 0.1]])

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from cabols_control.errors import ConfigError, OutOfRangeError, ShapeError
-from cabols_hw.registration import register_pose
+from cabols_control.registration import register_pose
 from cabols_hw.tracker import tracker_pb2, tracker_pb2_grpc
 from cabols_hw.tracker.beam import beam_axes
 from cabols_hw.tracker.client import TrackerClient, TrackerError

@@ -62,7 +62,18 @@ ROS_PACKAGES = {
     *MAY_IMPORT,
 }
 # From pip or the vendor: docs/installing.md.
-WITHOUT_KEY = {"abb_robot_client", "daqp", "mcap", "quanser", "zstandard"}
+WITHOUT_KEY = {
+    "abb_robot_client",
+    "daqp",
+    "dask",
+    "distributed",
+    "foxglove",
+    "mcap",
+    "nicegui",
+    "pinocchio",
+    "quanser",
+    "zstandard",
+}
 
 
 def sources(package: str) -> list[Path]:

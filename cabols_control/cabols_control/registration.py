@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from cabols_control.checks import BoolArray, FloatArray, finite_array, rotation_matrix
 from cabols_control.errors import ShapeError
-from cabols_hw.rigid_fit import (
+from cabols_control.rigid_fit import (
     RegistrationError,
     cross_matrix,
     gauss_newton,

@@ -1,0 +1,1 @@
+"""Joint stiffness of robots from the deflections under measured wrenches."""

@@ -1,0 +1,5 @@
+"""Everything is declared in setup.cfg; colcon needs this file to exist."""
+
+from setuptools import setup
+
+setup()
