@@ -49,6 +49,8 @@ def test_ctrl_c_ends_everything_and_keeps_the_bag(
     assert demo.returncode == 130, "".join(lines) + rest
     assert "motors at zero" in rest
     assert not [node for node in nodes if node.is_running()]
+    for log in (output / "log").iterdir():
+        assert "compiled during operation" not in log.read_text(), f"{log.name}: see warm_up.py"
     bag = read_bag(output / "bag")
     assert len(bag["limb_state"]) > 100
     assert (bag["mode"]["mode"] == last_mode).any()

@@ -27,10 +27,12 @@ def warm_limbs(rig: Rig, sample: LimbSample | None = None) -> None:
         flags, length = np.ones(n, dtype=np.bool_), np.full(n, 0.001)
         sample = LimbSample(0.0, length, length, length, flags, flags)
     controller = LimbController(rig)
-    for k in range(3 * len(MOVING)):
+    # A sample without zeros is a fault in LOADING: STOPPED before each mode clears it.
+    modes = [mode for moving in MOVING for mode in (OperatingMode.STOPPED, *[moving] * 3)]
+    for k, mode in enumerate(modes):
         stamp_s = 0.001 * k
         setpoint = TensionSetpoint(stamp_s, np.full(n, 10.0), True)
-        controller.step(replace(sample, stamp_s=stamp_s), MOVING[k // 3], setpoint)
+        controller.step(replace(sample, stamp_s=stamp_s), mode, setpoint)
 
 
 def warm_wrenches(rig: Rig) -> None:

@@ -35,6 +35,8 @@ POLL_S = 0.1
 ANSWER_S = 5.0
 """The supervisor answers, and the mode arrives, within this."""
 PRETIGHTENED_S = 30.0
+TIGHT_S = 2.0
+"""This node may know so long before the supervisor that every limb is tight."""
 SETTLED_S = 1.0
 """Pre-tightening lasts so long at least: the old zeros are gone by then."""
 
@@ -164,7 +166,7 @@ class CommissionServer:
             await self._pretighten(handle)
             place = _pose_of(pose, node.rig)
             programme = make_ramp(node.rig, limb, config, *place)
-            await self._enter(OperatingMode.COMMISSIONING)
+            await self._enter(OperatingMode.COMMISSIONING, TIGHT_S)
             self._ramp, self._wrench = programme, wrench
             await self._run(handle, programme)
         finally:
@@ -233,12 +235,19 @@ class CommissionServer:
         if handle.is_cancel_requested:
             raise CommissioningError("cancelled")
 
-    async def _enter(self, mode: OperatingMode) -> None:
-        """Ask the supervisor for a mode.
+    async def _enter(self, mode: OperatingMode, patience_s: float = 0.0) -> None:
+        """Ask the supervisor for a mode; after a refusal again, for as long as patience lasts.
 
         Raises:
             CommissioningError: with its reason, or if it does not answer.
         """
+        give_up = time.monotonic() + patience_s
+        while not (answer := await self._ask(mode)).success:
+            if time.monotonic() >= give_up:
+                raise CommissioningError(f"the supervisor refuses {mode.name}: {answer.message}")
+            await pause(self._node, POLL_S)
+
+    async def _ask(self, mode: OperatingMode) -> Any:
         began = time.monotonic()
         while not self._modes.service_is_ready():
             if time.monotonic() - began > ANSWER_S:
@@ -249,10 +258,7 @@ class CommissionServer:
             if time.monotonic() - began > ANSWER_S:
                 raise CommissioningError(f"set_mode: no answer within {ANSWER_S:g} s")
             await pause(self._node, 0.5 * POLL_S)
-        answer = future.result()
-        if answer is None or not answer.success:
-            reason = "no answer" if answer is None else answer.message
-            raise CommissioningError(f"the supervisor refuses {mode.name}: {reason}")
+        return future.result() or SetMode.Response(message="no answer")
 
     async def _give_back(self) -> list[str]:
         """Leave the rig STOPPED; return what went wrong with that, unless it is in FAULT."""

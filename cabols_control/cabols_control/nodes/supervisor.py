@@ -100,11 +100,14 @@ class SupervisorNode(ControlNode):
     def _tick(self) -> None:
         with self._lock:
             self._ticks += 1
-            if self._state.take():
-                self._hear_state()
+            self._hear_news()
             self._core.check_silence(self._now_s())
             if self._ticks % REPEAT_EVERY == 0 or self._changed():
                 self._publish()
+
+    def _hear_news(self) -> None:
+        if self._state.take():
+            self._hear_state()
 
     def _hear_state(self) -> None:
         stamp_s = 1e-9 * self._state.stamp_ns
@@ -149,6 +152,9 @@ class SupervisorNode(ControlNode):
 
     def _set_mode(self, request: Any, response: Any) -> Any:
         with self._lock:
+            if not self.lockstep:
+                # Who asks may have seen a newer state than the last tick's.
+                self._hear_news()
             verdict = self._core.request(request.mode, self._now_s())
             self._publish_change()
         response.success, response.message = verdict.allowed, verdict.reason

@@ -24,6 +24,7 @@ from cabols_control.ros.parameters import (
 from cabols_control.ros.qos import status_qos
 from cabols_control.ros.realtime import apply_scheduling, collect_young, freeze_garbage
 from cabols_control.ros.statistics import Durations
+from cabols_control.specialisations import compiled_since, specialisations
 
 RCLError = rclpy_implementation.RCLError
 WAITING, RUNNING, FAULT = 0, 1, 2
@@ -113,6 +114,7 @@ class ControlNode(Node):
         self.outputs: dict[str, Output] = {}
         self.status = Status(self, self.lockstep)
         self.outputs["loop_status"] = self.status.output()
+        self._compiled: dict[str, int] | None = None
         self._diagnostics = Diagnostics(self, self.status.snapshot, "cabols rig")
 
     def advertise(self, topic: str, output: Output) -> Output:
@@ -125,10 +127,17 @@ class ControlNode(Node):
         self._wait_for_readers()
         self.apply_scheduling()
         freeze_garbage()
+        self._compiled = specialisations()
 
     def apply_scheduling(self) -> None:
         """Ask the kernel for what the parameters say, for all threads there are now."""
         apply_scheduling(self._scheduling, self.get_logger().warning)
+
+    def complain_of_compiling(self) -> None:
+        """Warn of kernels that were compiled while the control thread ran: a warm-up forgot them."""
+        late = [] if self._compiled is None else compiled_since(self._compiled)
+        if late:
+            self.get_logger().warning(f"compiled during operation: {', '.join(late)}")
 
     def tidy(self) -> None:
         """Run once in many cycles: keep garbage young and few."""
@@ -194,6 +203,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
             raise
     finally:
         node.end()
+        node.complain_of_compiling()
         failure = node.failure
         executor.remove_node(node)
         node.destroy_node()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, in_range
@@ -18,7 +17,6 @@ PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
 SAMPLES = 41
 
 
-@njit(cache=True)
 def quintic(phase: float) -> tuple[float, float]:
     """Path 0 to 1 and its slope at a phase 0 to 1; at rest, without acceleration, at both ends."""
     u = min(max(phase, 0.0), 1.0)

@@ -1,0 +1,29 @@
+"""Which kernels have been compiled, and for how many kinds of arguments.
+
+A kernel that meets a new kind (an array that is read-only, say) is compiled on the spot, which
+takes a tenth of a second and more. In a control loop that is a stall: whatever the loop will call
+must have been called before it begins.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from numba.core.dispatcher import Dispatcher
+
+
+def specialisations(prefix: str = "cabols_") -> dict[str, int]:
+    """Count the compiled signatures of every kernel in the loaded modules of that prefix."""
+    kernels = [
+        value
+        for name, module in list(sys.modules.items())
+        if name.startswith(prefix)
+        for value in list(vars(module).values())
+        if isinstance(value, Dispatcher)
+    ]
+    return {f"{k.py_func.__module__}.{k.py_func.__name__}": len(k.signatures) for k in kernels}
+
+
+def compiled_since(before: dict[str, int]) -> list[str]:
+    """Return the names of the kernels that were compiled or loaded after that count, sorted."""
+    return sorted(name for name, now in specialisations().items() if now > before.get(name, 0))

@@ -1,0 +1,34 @@
+"""The count of compiled kernels that tells a node what its warm-up forgot."""
+
+import numpy as np
+from numba import njit
+from numba.core.dispatcher import Dispatcher
+
+from cabols_control.kinematics import cable_lengths_into
+from cabols_control.specialisations import compiled_since, specialisations
+
+
+@njit
+def doubled(values):
+    return 2.0 * values
+
+
+def test_a_new_kind_of_argument_is_told():
+    name = f"{__name__}.doubled"
+    doubled(np.ones(2))
+    before = specialisations(__name__)
+    assert before == {name: 1}
+    doubled(np.zeros(3))
+    assert specialisations(__name__) == before
+    frozen = np.ones(2)
+    frozen.flags.writeable = False
+    doubled(frozen)
+    assert specialisations(__name__) == {name: 2}
+
+
+def test_kernels_of_the_packages_are_seen():
+    found = specialisations()
+    assert isinstance(cable_lengths_into, Dispatcher)
+    assert "cabols_control.kinematics.cable_lengths_into" in found
+    assert compiled_since(found) == []
+    assert compiled_since({}) == sorted(name for name, count in found.items() if count > 0)
