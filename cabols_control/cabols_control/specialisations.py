@@ -24,6 +24,7 @@ def specialisations(prefix: str = "cabols_") -> dict[str, int]:
     return {f"{k.py_func.__module__}.{k.py_func.__name__}": len(k.signatures) for k in kernels}
 
 
-def compiled_since(before: dict[str, int]) -> list[str]:
+def compiled_since(before: dict[str, int], prefix: str = "cabols_") -> list[str]:
     """Return the names of the kernels that were compiled or loaded after that count, sorted."""
-    return sorted(name for name, now in specialisations().items() if now > before.get(name, 0))
+    now = specialisations(prefix)
+    return sorted(name for name, count in now.items() if count > before.get(name, 0))

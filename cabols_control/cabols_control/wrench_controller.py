@@ -62,8 +62,8 @@ class WrenchController:
         self._weights = np.array(DEFAULT_WEIGHTS)
         self._pack = np.zeros(pack_size(n))
         self._matrix = np.zeros((6, n))
-        self._rotation = np.eye(3)
-        self._measured = np.zeros(6)
+        # Pose arrays of its own: compiled code differs for those that come read-only.
+        self._position, self._rotation = np.zeros(3), np.eye(3)
         self._unload_step = np.repeat(control.unload_rates, 3)
         self._desired_timeout = control.desired_timeout
         self._last_stamp = -np.inf
@@ -82,12 +82,10 @@ class WrenchController:
 
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
         """Take the platform's pose, (3,) [m] and (3, 3), base frame; costs one decomposition."""
-        geometry = self._rig.geometry
-        structure_matrix_into(
-            geometry.base_points, geometry.platform_points, position, rotation, self._matrix
-        )
+        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
+        self._position[:], self._rotation[:] = position, rotation
+        structure_matrix_into(*points, self._position, self._rotation, self._matrix)
         pack_pose(self._matrix, *self._limits, self._weights, self._pack)
-        self._rotation = np.ascontiguousarray(rotation, dtype=np.float64)
 
     def trip(self, reason: str) -> None:
         """Give the load up for a reason from outside; the first reason stays until LOADING ends."""

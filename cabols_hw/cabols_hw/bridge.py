@@ -87,12 +87,14 @@ class Bridge:
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
         """Take the platform's pose, (3,) [m] and (3, 3), base frame."""
         points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
+        # Copies, because compiled code differs for arrays that come read-only. New arrays, because
+        # a sample that is being taken must have the old ones or the new ones, no mixture.
+        position, rotation = np.array(position), np.array(rotation, order="C")
         cable_lengths_into(*points, position, rotation, self._length)
-        # New arrays: a sample that is being taken has the old ones or the new ones, no mixture.
         structure, weight = np.zeros_like(self.structure), np.zeros(6)
         structure_matrix_into(*points, position, rotation, structure)
         self.structure = structure
-        self.rotation = np.array(rotation, dtype=np.float64, order="C")
+        self.rotation = rotation
         tool_weight_into(self._card.tool_mass, self._centre_of_mass, rotation, weight)
         self._weight = weight
 

@@ -134,7 +134,7 @@ class ControlNode(Node):
         apply_scheduling(self._scheduling, self.get_logger().warning)
 
     def complain_of_compiling(self) -> None:
-        """Warn of kernels that were compiled while the control thread ran: a warm-up forgot them."""
+        """Warn of kernels compiled while the control thread ran: a warm-up forgot them."""
         late = [] if self._compiled is None else compiled_since(self._compiled)
         if late:
             self.get_logger().warning(f"compiled during operation: {', '.join(late)}")
