@@ -12,7 +12,7 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 	do command -v "$$name" && break; done)
 BIN = .venv/bin
 
-.PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
+.PHONY: help demo commission console test lint format bench bench-tension bench-simulation bench-registration
 .PHONY: bench-realtime faults setup lock clean
 .NOTPARALLEL:
 
@@ -25,6 +25,9 @@ demo: setup  ## run the simulated rig and leave its report in build/demo
 
 commission: setup  ## commission the simulated rig's limbs and leave models and gains in build/commission
 	@.venv/lib/cabols_sim/commission_bench $(ARGS)
+
+console: setup  ## serve the operator's page for the simulated rig at http://localhost:8080
+	@.venv/lib/cabols_sim/console_bench $(ARGS)
 
 test: setup  ## run the tests
 	@$(BIN)/python -m pytest $(ARGS)

@@ -88,6 +88,9 @@ RECORDER = NodeSpec(
     ),
     ("loop_status",),
 )
+CONSOLE = NodeSpec(
+    "cabols_control", "console", ("mode", "loop_status"), ("attendance", "loop_status")
+)
 PLANT = NodeSpec(
     "cabols_sim",
     "plant",
@@ -151,7 +154,7 @@ _BRIDGES = ("plant", "q8_ati_bridge")
 _LOOPS = (*_BRIDGES, "limb_controller", "wrench_controller")
 _ROBOT = ("abb_tracker_bridge",)
 _DEVICES = "device_simulator"
-_ALL = (*_LOOPS, "supervisor", "load_program", "recorder", *_ROBOT)
+_ALL = (*_LOOPS, "supervisor", "load_program", "recorder", "console", *_ROBOT)
 ARGUMENTS = (
     Argument("geometry_file", "", "YAML of the geometry; empty: reference bench", _ALL),
     Argument("limbs_file", "", "YAML of the limbs; empty: reference bench", _ALL),
@@ -196,10 +199,31 @@ ARGUMENTS = (
         "other_cpu",
         -1,
         "core for the other nodes; -1: any",
-        ("wrench_controller", "supervisor", "load_program", "recorder", *_ROBOT, _DEVICES),
+        (
+            "wrench_controller",
+            "supervisor",
+            "load_program",
+            "recorder",
+            "console",
+            *_ROBOT,
+            _DEVICES,
+        ),
         parameter="cpu",
     ),
     Argument("record", True, "record a bag", ()),
+    Argument("record_at_start", True, "false: the recorder waits for its service", ("recorder",)),
+    Argument("console", False, "serve the operator's page on this machine", ()),
+    Argument("console_port", 8080, "TCP port of that page", ("console",), parameter="port"),
+    Argument(
+        "console_host",
+        "127.0.0.1",
+        "its address; another than loopback needs a token_file",
+        ("console",),
+        parameter="host",
+    ),
+    Argument("token_file", "", "its first line is demanded of visitors", ("console",)),
+    Argument("campaigns", "campaigns", "folder of stiffness campaigns", ("console",)),
+    Argument("uploads", "console/programs", "folder of uploaded programmes", ("console",)),
     Argument("output", "", "folder of the bag; empty: bags/cabols_<time>", ("recorder",)),
     Argument("description", "", "text about the run for the bag's metadata", ("recorder",)),
     Argument("program", "", "load programme to run at the first LOADING", ("load_program",)),
@@ -207,6 +231,12 @@ ARGUMENTS = (
     Argument("exit_when_done", False, "end everything after the programme", ("load_program",)),
     Argument(
         "state_timeout", 0.2, "s without a limb state until the supervisor stops", ("supervisor",)
+    ),
+    Argument(
+        "operator_timeout",
+        10.0,
+        "s that a console in command may be silent, under way, until the supervisor unloads",
+        ("supervisor",),
     ),
     Argument("auto_start", False, "pre-tighten and load without being asked", ("supervisor",)),
     Argument("plant_file", "", "YAML of the simulated rig; empty: bench", ("plant",), ("bench",)),
@@ -239,9 +269,10 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
     return found
 
 
-def rig_graph(record: bool = True) -> list[NodeSpec]:
+def rig_graph(record: bool = True, console: bool = False) -> list[NodeSpec]:
     """Nodes of a rig with hardware, in starting order: readers first, the clock last."""
-    nodes = [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, ROBOT, BRIDGE]
+    first = [*([CONSOLE] if console else []), *([RECORDER] if record else [])]
+    nodes = [*first, *CONTROLLERS, LOAD_PROGRAM, ROBOT, BRIDGE]
     return [_with_robot(node) for node in nodes]
 
 
@@ -252,7 +283,11 @@ def _with_robot(node: NodeSpec) -> NodeSpec:
 
 
 def bench_graph(
-    lockstep: bool = False, record: bool = True, robot: bool = True, ports: Ports | None = None
+    lockstep: bool = False,
+    record: bool = True,
+    robot: bool = True,
+    ports: Ports | None = None,
+    console: bool = False,
 ) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
@@ -266,9 +301,11 @@ def bench_graph(
         robot: with robot and tracker; False for a target that never moves, whose pose the plant
             publishes itself.
         ports: of the devices.
+        console: with the operator's page; not in lockstep, which no person leads.
     """
-    recorder = [RECORDER] if record else []
-    nodes = [*recorder, *CONTROLLERS, LOAD_PROGRAM]
+    first = [CONSOLE] if console and not lockstep else []
+    first += [RECORDER] if record else []
+    nodes = [*first, *CONTROLLERS, LOAD_PROGRAM]
     nodes += _devices(ports or Ports()) if robot else [PLANT]
     if robot:
         nodes = [_with_robot(node) for node in nodes]

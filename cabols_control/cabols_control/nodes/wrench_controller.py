@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
-from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
+from cabols_control.ros.live import LiveOutput
+from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos
@@ -44,7 +45,8 @@ class WrenchControllerNode(ControlNode):
         self._answer = layout.record()
         self._answer["limb"][:] = np.arange(geometry.cables)
         self._output = self.advertise(
-            "tension_command", Output(self, "tension_command", layout.msg_type, qos)
+            "tension_command",
+            LiveOutput(self, "tension_command", layout.msg_type, qos, self.lockstep),
         )
         self._measured = np.zeros(6)
         self._desired: DesiredWrench | None = None

@@ -17,6 +17,7 @@ from cabols_control.modes import MOVING, OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
+from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import SLOW_INPUT, Input, Output, make_wait_set, wait_for
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare
@@ -126,7 +127,8 @@ class BridgeNode(ControlNode):
 
     def _output(self, topic: str) -> Output:
         qos = control_qos(self.lockstep)
-        return self.advertise(topic, Output(self, topic, topics.TYPES[topic], qos))
+        kind = topics.TYPES[topic]
+        return self.advertise(topic, LiveOutput(self, topic, kind, qos, self.lockstep))
 
     def extra_inputs(self) -> list[Input]:
         """Inputs besides motor_current and mode: here, the platform's pose from the robot."""
