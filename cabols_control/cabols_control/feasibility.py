@@ -106,6 +106,6 @@ def check_program(
         program=program,
         tension=tension,
         reached=status == FEASIBLE,
-        rated=(np.abs(local) <= rig.control.rated).all(axis=1),
+        rated=np.array((np.abs(local) <= rig.control.rated).all(axis=1)),
         missed=np.linalg.norm(residual * np.asarray(DEFAULT_WEIGHTS), axis=1),
     )

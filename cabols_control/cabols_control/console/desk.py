@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from cabols_control.console.access import Lease
 from cabols_control.console.mailbox import FAULT, INFO, NOTICE, WARNING, Mailbox
+from cabols_control.modes import OperatingMode
 
 ALIVE_S = 2.0
 """A page that has not answered for so long is lost; it answers twice a second."""
@@ -165,7 +166,7 @@ class Desk:
                 "name": "" if holder is None else holder.name,
                 "mark": "" if holder is None else mark_of(holder.page),
                 "attended": attended,
-                "watching": sum(self.alive(page) for page in self.viewers) - int(attended),
+                "pages": sum(self.alive(page) for page in self.viewers),
             }
         )
 
@@ -195,8 +196,7 @@ class Desk:
         return "" if what in FREE_FOR_ALL else self.lease.refusal(page)
 
     def _log(self, what: str, fields: dict[str, Any], answer: Answer) -> Answer:
-        shown = ", ".join(f"{key} {value}" for key, value in fields.items() if value not in ("", 0))
-        asked = f"{what.replace('_', ' ')} {shown}".strip()
+        asked = _SENTENCES.get(what, lambda _: what.replace("_", " "))(fields)
         level = NOTICE if answer.success else WARNING
         if what == "emergency_stop":
             level = FAULT
@@ -206,6 +206,17 @@ class Desk:
     def _tell_operator(self, text: str) -> None:
         self.mailbox.tell(INFO, "console", text)
         self.publish_operator()
+
+
+_SENTENCES: dict[str, Callable[[dict[str, Any]], str]] = {
+    "set_mode": lambda f: f"asks for {OperatingMode(f['mode']).name}",
+    "record": lambda f: "start recording" if f["data"] else "stop recording",
+    "run_program": lambda f: f"run {Path(f['program']).name}, scale {f['scale']:g}",
+    "move_to_configuration": lambda f: f"move to configuration {f['index']}",
+    "measure_reflector": lambda f: f"measure reflector {f['reflector'] + 1}",
+    "commission_limb": lambda f: f"commission limb {f['limb'] + 1}",
+    "run_stiffness_test": lambda f: f"stiffness campaign into {Path(f['folder']).name}",
+}
 
 
 def mark_of(page: str) -> str:

@@ -178,7 +178,7 @@ async def _read(receive: Receive, limit: int) -> bytes:
     body = b""
     while True:
         message = await receive()
-        body += message.get("body", b"")
+        body += bytes(message.get("body", b""))
         if len(body) > limit:
             raise TooLargeError
         if not message.get("more_body", False):

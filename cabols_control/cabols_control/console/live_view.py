@@ -19,8 +19,8 @@ def limbs_html(cables: int) -> str:
         "<h2>Limbs: tension and motor current against their limits "
         '<span id="feasible" class="why"></span></h2>'
         '<table class="data" aria-label="Limbs"><thead><tr><th scope="col">Limb</th>'
-        '<th scope="col" style="width:34%">Tension (white: asked)</th><th scope="col">Asked</th>'
-        '<th scope="col" style="width:18%">Current</th><th scope="col">Switch</th>'
+        '<th scope="col" style="width:38%">Tension (white: asked)</th><th scope="col">Asked</th>'
+        '<th scope="col" style="width:22%">Current</th><th scope="col">Switch</th>'
         f'<th scope="col">Zero</th></tr></thead><tbody>{rows}</tbody></table>'
     )
 
@@ -30,7 +30,7 @@ def _limb(i: int) -> str:
         f'<tr><th scope="row">{i + 1}</th>'
         f'<td><div style="display:flex;gap:8px;align-items:center"><div class="gauge" '
         f'style="flex:1"><i id="tb-{i}"></i><b id="tm-{i}"></b><u style="left:calc(100% - 2px)">'
-        f'</u></div><span id="t-{i}" class="n" style="width:66px;text-align:right">&ndash;</span>'
+        f'</u></div><span id="t-{i}" class="n" style="width:62px;text-align:right">&ndash;</span>'
         f'<span id="h-{i}" class="badge">HIGH</span></div></td>'
         f'<td class="n" id="a-{i}">&ndash;</td>'
         f'<td><div style="display:flex;gap:8px;align-items:center"><div class="gauge" '
@@ -62,8 +62,9 @@ def wrench_html() -> str:
 def health_html() -> str:
     """Devices and loops."""
     return (
-        '<h2>Devices</h2><table class="data" aria-label="Devices"><tbody id="devices"></tbody>'
-        '</table><h2 style="margin-top:12px">Loops</h2><table class="data" aria-label="Loops">'
+        '<h2>Devices</h2><table class="data small" aria-label="Devices">'
+        '<tbody id="devices"></tbody></table>'
+        '<h2 style="margin-top:12px">Loops</h2><table class="data small" aria-label="Loops">'
         '<thead><tr><th scope="col">Node</th><th scope="col">State</th>'
         '<th scope="col" style="text-align:right">Hz</th>'
         '<th scope="col" style="text-align:right">late %</th>'

@@ -42,7 +42,7 @@ class LoadPanel:
             ui.html("", sanitize=True).classes("verdict").props("role=status data-name=verdict")
         )
         with ui.row().classes("w-full rowed"):
-            self._check = button("Check at this pose", self._do_check, "check")
+            self._check = button("Check", self._do_check, "check")
             self._run = button("Run", self._do_run, "run", "cyan-9")
             self._abort = button("Abort", lambda: own.cancel("run_program"), "abort")
         self._progress = ui.linear_progress(0.0, show_value=False).props("aria-label='Progress'")

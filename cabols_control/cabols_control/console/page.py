@@ -45,9 +45,12 @@ class PageContext:
 
     def show(self, answer: Answer) -> None:
         """Show an answer at the foot of the page; the log keeps it."""
-        kind = "positive" if answer.success else "negative"
         ui.notify(
-            answer.message[:300], type=kind, position="bottom", timeout=4000, close_button="x"
+            answer.message[:300],
+            type="positive" if answer.success else "negative",
+            position="bottom-right",
+            timeout=4000,
+            close_button="x",
         )
 
     async def call(self, service: str, **fields: Any) -> Answer:
@@ -105,18 +108,18 @@ class _Page:
             with ui.element("div").classes("column middle"):
                 ui.html(view_html(), sanitize=False).classes("card")
                 ui.html(limbs_html(self._desk.settings.cables), sanitize=False).classes("card")
+                ui.html(log_html(), sanitize=False).classes("card")
             with ui.element("div").classes("column"):
                 ui.html(wrench_html(), sanitize=False).classes("card")
                 ui.html(health_html(), sanitize=False).classes("card")
-            ui.html(log_html(), sanitize=False).classes("card wide")
         ui.timer(REFRESH_S, self._refresh)
 
     def _header(self) -> None:
         with ui.element("header").classes("bar"):
             # First in the order of the Tab key, last to the eye.
             ui.html(
-                '<button id="estop" type="button" aria-label="Emergency stop: cut all currents now">'
-                "EMERGENCY<br>STOP</button>",
+                '<button id="estop" type="button" aria-label="Emergency stop: cut all currents '
+                'now">EMERGENCY<br>STOP</button>',
                 sanitize=False,
             ).classes("estop")
             ui.html(f"<span>{self._desk.settings.title}</span>", sanitize=False).classes("brand")
@@ -144,7 +147,7 @@ class _Page:
                 names = ("Load", "Robot", "Limbs", "Campaign")
                 made = [ui.tab(name) for name in names]
             with ui.tab_panels(tabs, value=made[0]).props("animated=false keep-alive"):
-                kinds = (LoadPanel, RobotPanel, LimbPanel, CampaignPanel)
+                kinds: tuple[type[Any], ...] = (LoadPanel, RobotPanel, LimbPanel, CampaignPanel)
                 for tab, kind in zip(made, kinds, strict=True):
                     with ui.tab_panel(tab):
                         self._panels.append(kind(own).refresh)

@@ -47,10 +47,10 @@ def preview_svg(
             f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{middle:.1f}" y2="{middle:.1f}" '
             f'stroke="{LINE}"/>'
         )
-        for value in (most, 0.0, -most):
-            parts.append(
-                f'<text x="{LEFT - 4}" y="{y(value) + 3:.1f}" text-anchor="end">{value:.3g}</text>'
-            )
+        parts += [
+            f'<text x="{LEFT - 4}" y="{y(value) + 3:.1f}" text-anchor="end">{value:.3g}</text>'
+            for value in (most, 0.0, -most)
+        ]
         for colour, column in zip(COLOURS, columns, strict=True):
             points = " ".join(f"{x(t):.1f},{y(v):.1f}" for t, v in zip(time, column, strict=True))
             parts.append(
@@ -71,7 +71,8 @@ def _foot(x: object, end: float, worst_time: float) -> str:
         at = WIDTH / 2 - 30 + 30 * k
         marks.append(
             f'<line x1="{at}" x2="{at + 12}" y1="{HEIGHT - 6}" y2="{HEIGHT - 6}" '
-            f'stroke="{colour}" stroke-width="2"/><text x="{at + 15}" y="{HEIGHT - 3}">{name}</text>'
+            f'stroke="{colour}" stroke-width="2"/>'
+            f'<text x="{at + 15}" y="{HEIGHT - 3}">{name}</text>'
         )
     if math.isfinite(worst_time):
         at = x(worst_time)

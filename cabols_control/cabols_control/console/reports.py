@@ -24,13 +24,15 @@ class Report:
 
 def finished(root: Path, most: int = 50) -> list[Report]:
     """Reports in the folders of a root, newest first."""
-    found = []
-    for path in root.glob(f"*/{REPORT}"):
-        try:
-            found.append(Report(path.parent.name, path.stat().st_mtime))
-        except OSError:
-            continue  # removed meanwhile
-    return sorted(found, key=lambda report: -report.changed_s)[:most]
+    found = [_report(path) for path in root.glob(f"*/{REPORT}")]
+    return sorted(filter(None, found), key=lambda report: -report.changed_s)[:most]
+
+
+def _report(path: Path) -> Report | None:
+    try:
+        return Report(path.parent.name, path.stat().st_mtime)
+    except OSError:
+        return None  # removed meanwhile
 
 
 def report_file(root: Path, name: str) -> Path | None:

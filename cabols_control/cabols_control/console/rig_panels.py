@@ -16,7 +16,7 @@ ASKED = (
     (OperatingMode.FREE_MOVING, "Free-move"),
     (OperatingMode.PRETIGHTENING, "Pre-tighten"),
     (OperatingMode.LOADING, "Load"),
-    (OperatingMode.STOPPED, "Unload and stop"),
+    (OperatingMode.STOPPED, "Stop (unload)"),
 )
 ROBOT_MODES = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,7 +92,7 @@ def keep_upload(folder: Path, name: str, content: bytes) -> Upload:
         partial = path.with_suffix(".partial")
         # Without the byte order mark that check_upload bears.
         partial.write_text(content.decode("utf-8-sig"), encoding="utf-8", newline="")
-        os.replace(partial, path)
+        partial.replace(path)
     except OSError as error:
         raise UploadError(f"{path}: cannot be written ({error})") from error
     return Upload(path.resolve(), program)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cabols_control.modes import MOVING, NEXT, OperatingMode
 
-SILENT_S = 2.5
+SILENT_S = 3.5
+"""Every node tells on /diagnostics once a second."""
 BRIDGES = ("plant", "q8_ati_bridge")
 ROBOT = "abb_tracker_bridge"
 OK, WAIT, WARN, BAD, OFF = "ok", "wait", "warn", "fault", "off"
@@ -47,6 +48,7 @@ class LoopReport:
         work_s: median and 99th percentile of a cycle's work [s].
         round_trip_s: median and 99th percentile from state to command [s].
         received_s: when it came, monotonic clock [s].
+        heard_s: when the node was heard of last, here or on /diagnostics [s].
         rate_hz: cycles per second since the report before; NaN at first.
     """
 
@@ -60,15 +62,27 @@ class LoopReport:
     work_s: tuple[float, float]
     round_trip_s: tuple[float, float]
     received_s: float
+    heard_s: float
     rate_hz: float = math.nan
 
     def after(self, before: LoopReport | None) -> LoopReport:
         """Return this report with the rate since an earlier one."""
-        if before is None or not self.received_s > before.received_s + 1e-3:
+        if before is None:
             return self
-        turns = self.cycles - before.cycles
-        values = {**self.__dict__, "rate_hz": turns / (self.received_s - before.received_s)}
-        return LoopReport(**values)
+        span_s = self.received_s - before.received_s
+        known = span_s > 1e-3 and self.cycles >= before.cycles
+        rate_hz = (self.cycles - before.cycles) / span_s if known else before.rate_hz
+        return replace(self, rate_hz=rate_hz)
+
+    def heard(self, now_s: float) -> LoopReport:
+        """Return this report of a node that has just been heard of."""
+        return replace(self, heard_s=now_s)
+
+
+def first_report(node: str, state: int, reason: str, now_s: float) -> LoopReport:
+    """Report of a node that has told on /diagnostics only."""
+    none = (math.nan, math.nan)
+    return LoopReport(node, state, reason, 0, 0, 0, 0, none, none, now_s, now_s)
 
 
 def mode_view(mode: int | None, reason: str) -> dict[str, Any]:
@@ -96,7 +110,7 @@ def mode_view(mode: int | None, reason: str) -> dict[str, Any]:
 
 def level_of(report: LoopReport, now_s: float) -> str:
     """How a node fares."""
-    if not now_s - report.received_s <= SILENT_S:
+    if not now_s - report.heard_s <= SILENT_S:
         return OFF
     if report.state == 2:
         return BAD

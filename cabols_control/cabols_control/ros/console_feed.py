@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from cabols_msgs.msg import LoopStatus, Mode, ReflectorMeasurement, StiffnessEstimate
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -19,6 +20,7 @@ from cabols_control.console.view_models import (
     Measured,
     device_rows,
     estimate_rows,
+    first_report,
     loop_rows,
     mode_view,
     numbers,
@@ -34,12 +36,14 @@ STALE_S = 0.5
 """Values that are older are shown as none."""
 STATE_EVERY = 10
 """Frames between two looks at the loops' health: half a second."""
+LEVELS = {DiagnosticStatus.OK: 1, DiagnosticStatus.WARN: 0, DiagnosticStatus.ERROR: 2}
+"""Level on /diagnostics to state of LoopStatus."""
 LOUD = 30
 """rosout's number of a warning; below it, nodes speak for their own log."""
 
 
 class Typed:
-    """Messages of a rare topic, taken as objects when somebody looks; no executor wakes for them."""
+    """Messages of a rare topic, taken as objects on a look; no executor wakes for them."""
 
     def __init__(self, node: Node, msg_type: type, topic: str, qos: QoSProfile) -> None:
         """Subscribe."""
@@ -76,6 +80,7 @@ class Feed:
         self._joints = Typed(node, JointState, live_name("joint_states"), live_qos())
         self._modes = Typed(node, Mode, "mode", latched_qos(False))
         self._status = Typed(node, LoopStatus, "loop_status", status_qos())
+        self._diagnostics = Typed(node, DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
         self._measured = Typed(node, ReflectorMeasurement, "reflector_measurement", status_qos())
         self._estimates = Typed(node, StiffnessEstimate, "stiffness_estimate", status_qos())
         self._recordings = Typed(node, String, "recording", latched_qos(False))
@@ -101,6 +106,8 @@ class Feed:
         self._hear_modes()
         for message in self._status.take():
             self._hear_status(message)
+        for message in self._diagnostics.take():
+            self._hear_diagnostics(message)
         self._hear_rare()
         frame = self._frame()
         self._mailbox.put_frame(frame)
@@ -167,6 +174,7 @@ class Feed:
             self._mailbox.put_state(mode=mode_view(*heard))
 
     def _hear_status(self, message: LoopStatus) -> None:
+        now_s = time.monotonic()
         report = LoopReport(
             node=message.node,
             state=int(message.state),
@@ -177,7 +185,8 @@ class Feed:
             infeasible=int(message.infeasible),
             work_s=(float(message.work_time), float(message.work_time_p99)),
             round_trip_s=(float(message.round_trip), float(message.round_trip_p99)),
-            received_s=time.monotonic(),
+            received_s=now_s,
+            heard_s=now_s,
         )
         before = self._reports.get(message.node)
         changed = before is None or (before.state, before.reason) != (report.state, report.reason)
@@ -186,10 +195,21 @@ class Feed:
             self._mailbox.tell(level, message.node, report.reason)
         elif changed and before is not None and before.reason:
             self._mailbox.tell(INFO, message.node, "cleared")
-        rated = report.after(before)
-        if before is not None and not np.isfinite(rated.rate_hz):
-            rated = LoopReport(**{**report.__dict__, "rate_hz": before.rate_hz})
-        self._reports[message.node] = rated
+        self._reports[message.node] = report.after(before)
+
+    def _hear_diagnostics(self, message: DiagnosticArray) -> None:
+        """Every node's sign of life; loop_status has the numbers."""
+        now_s = time.monotonic()
+        for status in message.status:
+            owner, _, node = status.name.partition(": ")
+            if owner != "cabols" or not node:
+                continue
+            known = self._reports.get(node)
+            self._reports[node] = (
+                known.heard(now_s)
+                if known is not None
+                else first_report(node, LEVELS.get(status.level, 0), "", now_s)
+            )
 
     def _hear_rare(self) -> None:
         for message in self._measured.take():

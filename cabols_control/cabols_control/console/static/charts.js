@@ -6,9 +6,9 @@ const COLOURS = ["#60a5fa", "#4ade80", "#fbbf24"];
 const FONT = "11px system-ui, sans-serif";
 
 function niceStep(range) {
-  const raw = range / 4;
+  const raw = range / 5;
   const power = Math.pow(10, Math.floor(Math.log10(raw)));
-  for (const factor of [1, 2, 5, 10]) if (factor * power >= raw) return factor * power;
+  for (const factor of [1, 2, 2.5, 5, 10]) if (factor * power >= raw) return factor * power;
   return 10 * power;
 }
 

@@ -97,7 +97,7 @@ export class Panels {
 
   loops(rows) {
     byId("loops").replaceChildren(...rows.map((r) => row([
-      { text: r.node, why: r.reason },
+      { text: r.node.replaceAll("_", "_\u200b"), why: r.reason, className: "name" },
       { node: status(r.level, r.word) },
       { text: shown(r.rate, 0), className: "n" },
       { text: shown(r.late_percent, 2), className: "n" },
@@ -118,8 +118,8 @@ export class Panels {
     let text = "Nobody is in command";
     if (mine) text = "You are in command";
     else if (operator.mark) text = `${operator.name} is in command${operator.attended ? "" : ", but does not answer"}`;
-    const others = operator.watching;
-    put(byId("operator-text"), others > 0 ? `${text} \u00b7 ${others} watching` : text);
+    const others = operator.pages - 1;
+    put(byId("operator-text"), others > 0 ? `${text} \u00b7 ${others} other page${others > 1 ? "s" : ""}` : text);
     document.body.dataset.command = mine ? "yes" : "no";
   }
 

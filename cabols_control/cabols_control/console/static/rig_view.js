@@ -2,7 +2,7 @@
 import { THREE, OrbitControls } from "nicegui-scene";
 
 const COLOURS = [[0.30, 0.47, 0.78], [0.21, 0.69, 0.67], [0.85, 0.78, 0.29], [0.95, 0.50, 0.23], [0.90, 0.22, 0.17]];
-const SLACK = 0x5b6773;
+const SLACK = 0x93a1af;
 const UP = new THREE.Vector3(0, 1, 0);   // a cylinder's axis before it is turned
 const SLOW_MS = 25;
 
@@ -26,9 +26,9 @@ export class RigView {
     this.camera = new THREE.PerspectiveCamera(38, 1, 0.05, 50);
     this.camera.up.set(0, 0, 1);
     const [x, y, z] = scene.reference_position;
-    this.camera.position.set(x + 3.1, y + 2.6, z + 1.3);
+    this.camera.position.set(x + 3.35, y + 2.05, z + 1.2);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
-    this.controls.target.set(x, y - 0.35, z - 0.1);
+    this.controls.target.set(x, y - 0.3, z - 0.02);
     this.controls.enableDamping = false;
     this.controls.addEventListener("change", () => this.request());
     this.scene.add(new THREE.HemisphereLight(0xdfe9f2, 0x20262c, 1.6));
@@ -89,7 +89,7 @@ export class RigView {
     const radius = Math.max(...this.plan.platform_points.map((p) => Math.hypot(p[0], p[1])));
     const steel = new THREE.MeshStandardMaterial({ color: 0xc9d3dc, roughness: 0.4, metalness: 0.3 });
     for (const z of [Math.min(...heights), Math.max(...heights)]) {
-      const plate = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, 0.016, 28), steel);
+      const plate = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, 0.02, 28), steel);
       plate.rotation.x = Math.PI / 2;
       plate.position.z = z;
       this.platform.add(plate);
@@ -111,7 +111,7 @@ export class RigView {
     const robot = this.plan.robot;
     this.links = robot ? robot.offsets.map(() => this.cylinder(this.orange)) : [];
     this.knees = this.links.map(() => {
-      const ball = new THREE.Mesh(new THREE.SphereGeometry(0.075, 16, 12), this.orange);
+      const ball = new THREE.Mesh(new THREE.SphereGeometry(0.1, 16, 12), this.orange);
       this.scene.add(ball);
       return ball;
     });
@@ -138,7 +138,7 @@ export class RigView {
     points.push(new THREE.Vector3(...flange).applyMatrix4(at));
     let before = new THREE.Vector3(...base);
     points.slice(0, -1).forEach((point, i) => {
-      this.span(this.links[i], before, i === points.length - 2 ? points[i + 1] : point, 0.055 - 0.004 * i);
+      this.span(this.links[i], before, i === points.length - 2 ? points[i + 1] : point, 0.075 - 0.007 * i);
       this.links[i].visible = true;
       this.knees[i].position.copy(point);
       this.knees[i].scale.setScalar(1 - 0.09 * i);
@@ -157,7 +157,7 @@ export class RigView {
     this.plan.platform_points.forEach((p, i) => {
       const end = new THREE.Vector3(...p).applyMatrix4(this.pose), tension = frame.T ? frame.T[i] : null;
       const share = (tension ?? 0) / this.plan.tension_max, slack = !(tension >= this.plan.tension_min);
-      this.span(this.cables[i], new THREE.Vector3(...this.plan.base_points[i]), end, slack ? 0.003 : 0.005 + 0.006 * Math.min(share, 1));
+      this.span(this.cables[i], new THREE.Vector3(...this.plan.base_points[i]), end, slack ? 0.004 : 0.005 + 0.006 * Math.min(share, 1));
       if (slack) this.cables[i].material.color.setHex(SLACK);
       else this.cables[i].material.color.setRGB(...colourOf(share));
     });
