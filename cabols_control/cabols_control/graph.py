@@ -222,6 +222,7 @@ ARGUMENTS = (
         parameter="host",
     ),
     Argument("token_file", "", "its first line is demanded of visitors", ("console",)),
+    Argument("foxglove_port", 0, "of a WebSocket for Foxglove; 0: none", ("console",)),
     Argument("campaigns", "campaigns", "folder of stiffness campaigns", ("console",)),
     Argument("uploads", "console/programs", "folder of uploaded programmes", ("console",)),
     Argument("output", "", "folder of the bag; empty: bags/cabols_<time>", ("recorder",)),

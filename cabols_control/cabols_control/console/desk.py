@@ -196,7 +196,8 @@ class Desk:
         return "" if what in FREE_FOR_ALL else self.lease.refusal(page)
 
     def _log(self, what: str, fields: dict[str, Any], answer: Answer) -> Answer:
-        asked = _SENTENCES.get(what, lambda _: what.replace("_", " "))(fields)
+        sentence = _SENTENCES.get(what)
+        asked = what.replace("_", " ") if sentence is None else sentence(fields)
         level = NOTICE if answer.success else WARNING
         if what == "emergency_stop":
             level = FAULT

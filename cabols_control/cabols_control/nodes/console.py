@@ -11,8 +11,9 @@ from cabols_msgs.msg import Attendance
 
 from cabols_control.console.access import AccessPolicy
 from cabols_control.console.desk import Desk, Settings
+from cabols_control.console.foxglove_link import FoxgloveLink
 from cabols_control.console.mailbox import Mailbox
-from cabols_control.console.scene import load_scene, scene_numbers
+from cabols_control.console.scene import SceneConfig, load_scene, scene_numbers
 from cabols_control.console.server import ConsoleServer, open_socket
 from cabols_control.errors import ConfigError
 from cabols_control.ros.console_calls import Calls
@@ -93,6 +94,7 @@ class ConsoleNode(ControlNode):
         )
         title = declare(self, "title", "cabols", "shown in the header")
         scene = load_scene(declare(self, "scene_file", "", "YAML of what is drawn; empty: bench"))
+        self._foxglove = self._open_foxglove(scene)
         return Settings(
             title=title,
             uploads=Path(uploads),
@@ -101,6 +103,20 @@ class ConsoleNode(ControlNode):
             scene=scene_numbers(self.rig, scene),
             cables=self.rig.geometry.cables,
         )
+
+    def _open_foxglove(self, scene: SceneConfig) -> FoxgloveLink | None:
+        port = declare(
+            self,
+            "foxglove_port",
+            0,
+            "TCP port of a Foxglove WebSocket on loopback; 0: none",
+            (0, 65535),
+        )
+        if not port:
+            return None
+        link = FoxgloveLink(self.rig, scene, "127.0.0.1", port)
+        self.get_logger().info(f"Foxglove at ws://127.0.0.1:{link.port}")
+        return link
 
     def begin(self) -> None:
         """Look and serve."""
@@ -119,6 +135,8 @@ class ConsoleNode(ControlNode):
         if self._thread.is_alive():
             self._thread.join(timeout=END_S)
         self._calls.close()
+        if self._foxglove is not None:
+            self._foxglove.close()
 
     @property
     def failure(self) -> BaseException | None:
@@ -136,7 +154,9 @@ class ConsoleNode(ControlNode):
 
     def _tick(self) -> None:
         began = time.monotonic()
-        self._feed.look()
+        frame = self._feed.look()
+        if self._foxglove is not None:
+            self._foxglove.send(frame)
         self._turns += 1
         if self._turns % HEARTBEAT_EVERY == 0:
             self._beat()
