@@ -13,7 +13,7 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 BIN = .venv/bin
 
 .PHONY: help demo commission console test lint format bench bench-tension bench-simulation bench-registration
-.PHONY: bench-realtime faults setup lock clean
+.PHONY: bench-console bench-realtime browser faults setup lock clean
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -29,7 +29,10 @@ commission: setup  ## commission the simulated rig's limbs and leave models and 
 console: setup  ## serve the operator's page for the simulated rig at http://localhost:8080
 	@.venv/lib/cabols_sim/console_bench $(ARGS)
 
-test: setup  ## run the tests
+browser:  ## find or install the Chromium that the console's tests drive
+	@"$(HOST_PYTHON)" tools/setup_browser.py
+
+test: setup browser  ## run the tests
 	@$(BIN)/python -m pytest $(ARGS)
 
 lint: setup  ## check style and types
@@ -58,6 +61,10 @@ bench-registration: setup  ## compare the reflectors' registration with its cova
 bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_realtime.py $(ARGS)
+
+bench-console: setup  ## measure what the console costs the rig
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_console.py $(ARGS)
 
 faults: setup  ## break everything, 20 times each, in the loaded rig (two hours; goes on where it was)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)

@@ -83,7 +83,8 @@ def take_command_by_keyboard(panel):
     assert page.evaluate(FOCUSED) == "Take command"
     page.keyboard.press("Enter")
     panel.wait_text("#operator-text", "You are in command")
-    expect(page.locator("[data-name=mode-PRETIGHTENING]")).to_be_enabled()
+    for name in ("mode-PRETIGHTENING", "record"):
+        expect(page.locator(f"[data-name={name}]")).to_be_enabled()
     wanted = {"mode-FREE_MOVING", "mode-PRETIGHTENING", "tare", "record", "Load", "check"}
     wanted |= {"Load programme", "scale", "Events and faults"}
     reached = set()

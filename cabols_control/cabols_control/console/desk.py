@@ -15,8 +15,8 @@ from cabols_control.modes import OperatingMode
 
 ALIVE_S = 2.0
 """A page that has not answered for so long is lost; it answers twice a second."""
-RELOAD_S = 10.0
-"""A page that was opened so lately may be its browser's lost one, loaded again."""
+RELOAD_S = 1.0
+"""A page is loaded again when it is opened no earlier than this before the old one fell silent."""
 FORGET_S = 120.0
 FREE_FOR_ALL = ("emergency_stop",)
 """What a page may do that is not in command."""
@@ -60,6 +60,7 @@ class Viewer:
         name: shown to others.
         opened_s: when it was opened, monotonic clock.
         answered_s: when it answered last, monotonic clock; it has until ALIVE_S after opening.
+        closed: whether its wire has ended.
         sent: number of the newest frame that was sent.
         acked: number of the newest frame that it has told of.
     """
@@ -69,6 +70,7 @@ class Viewer:
     name: str
     opened_s: float
     answered_s: float
+    closed: bool = False
     sent: int = 0
     acked: int = 0
 
@@ -110,17 +112,23 @@ class Desk:
     def alive(self, page: str) -> bool:
         """Whether a page answers."""
         viewer = self.viewers.get(page)
-        return viewer is not None and self._clock() - viewer.answered_s <= ALIVE_S
+        if viewer is None or viewer.closed:
+            return False
+        return self._clock() - viewer.answered_s <= ALIVE_S
 
     def heard(self, viewer: Viewer) -> None:
         """Take a page's sign of life; one just loaded again goes on in command."""
-        viewer.answered_s = self._clock()
-        if viewer.answered_s - viewer.opened_s <= RELOAD_S:
+        viewer.answered_s, viewer.closed = self._clock(), False
+        holder = self.lease.holder
+        if holder is None or holder.page == viewer.page:
+            return
+        old = self.viewers.get(holder.page)
+        if old is None or viewer.opened_s >= old.answered_s - RELOAD_S:
             self.adopt(viewer)
 
     def lost(self, viewer: Viewer) -> None:
         """A page's wire has ended."""
-        viewer.answered_s = min(viewer.answered_s, self._clock() - 2.0 * ALIVE_S)
+        viewer.closed = True
         self.publish_operator()
 
     def open(self, page: str, session: str, address: str) -> Viewer:

@@ -68,9 +68,8 @@ class FoxgloveLink:
             raise ConfigError(f"foxglove_port: needs the package foxglove-sdk ({error})") from error
         self._rig, self._scene = rig, scene
         self._turns = 0
-        context = foxglove.Context()
-        self._scenes = SceneUpdateChannel(SCENE_TOPIC, context=context)
-        self._live = foxglove.Channel(LIVE_TOPIC, schema=LIVE_SCHEMA, context=context)
+        # Kept: without it the server forgets its channels.
+        self._context = context = foxglove.Context()
         try:
             self._server = foxglove.start_server(
                 name="cabols", host=host, port=port, context=context, capabilities=[]
@@ -79,6 +78,8 @@ class FoxgloveLink:
             raise ConfigError(
                 f"foxglove_port: cannot serve at {host}:{port} ({error}); choose another"
             ) from error
+        self._scenes = SceneUpdateChannel(SCENE_TOPIC, context=context)
+        self._live = foxglove.Channel(LIVE_TOPIC, schema=LIVE_SCHEMA, context=context)
 
     @property
     def port(self) -> int:
