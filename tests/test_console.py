@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import asyncio
+import importlib
 import json
+import re
 import threading
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import yaml
+from scipy.spatial.transform import Rotation
 
 from cabols_control.attendance import Attendance
 from cabols_control.configuration import load_config, packaged
 from cabols_control.console.access import COOKIE, AccessPolicy, Lease, Request, is_loopback
 from cabols_control.console.desk import ALIVE_S, Answer, Desk, Settings
+from cabols_control.console.foxglove_link import (
+    LIVE_SCHEMA,
+    LIVE_TOPIC,
+    SCENE_TOPIC,
+    live_message,
+    scene_update,
+)
 from cabols_control.console.gate import Gate
 from cabols_control.console.mailbox import EVENTS, FAULT, INFO, Mailbox
 from cabols_control.console.preview import preview_svg
 from cabols_control.console.reports import finished, report_file
 from cabols_control.console.scene import joint_points, load_scene, scene_numbers
+from cabols_control.console.shapes import rig_shapes, rod
 from cabols_control.console.uploads import (
     ROWS,
     UPLOAD_BYTES,
@@ -36,9 +50,11 @@ from cabols_control.console.view_models import (
 )
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.feasibility import check_program
+from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.modes import MOVING, NEXT, ModeMachine, OperatingMode
 from cabols_control.programs import BUILT_IN, load_program
+from cabols_control.ros import topics
 from cabols_control.supervision import Supervision, SupervisionConfig
 from cabols_control.tension import distribute
 from cabols_hw.abb.configurations import load_configurations
@@ -514,3 +530,73 @@ def test_scene_says_what_is_wrong(tmp_path):
     path.write_text("reflectors: [[0, 0]]\n")
     with pytest.raises(ConfigError, match="reflectors"):
         load_scene(path)
+
+
+# --- layouts for others' tools ---
+
+LAYOUTS = Path(__file__).resolve().parent.parent / "cabols_control" / "layouts"
+
+
+def message_field(msg_type, path):
+    """Type of a message's field by a path with slashes; None if there is none."""
+    kind = None
+    for part in path.split("/"):
+        fields = msg_type.get_fields_and_field_types()
+        kind = fields.get(part.partition("[")[0])
+        if kind is None:
+            return None
+        if "/" in kind and "<" not in kind:
+            package, name = kind.split("/")
+            msg_type = getattr(importlib.import_module(f"{package}.msg"), name)
+    return kind
+
+
+def test_foxglove_layout_names_what_the_link_sends(rig):
+    layout = json.loads((LAYOUTS / "foxglove.json").read_text())
+    panels = layout["configById"]
+    assert list(panels["3D!rig"]["topics"]) == [SCENE_TOPIC]
+    frame = {"T": [1.0] * 8, "A": [1.0] * 8, "C": [0.0] * 8, "w": [1.0] * 6, "d": [2.0] * 6}
+    sent = live_message(frame)
+    assert set(sent) <= set(LIVE_SCHEMA["properties"])
+    paths = [path["value"] for panel in panels.values() for path in panel.get("paths", ())]
+    assert len(paths) == 20
+    for path in paths:
+        found = re.fullmatch(r"(/[\w/]+)\.(\w+)(?:\.(\w+)|\[(\d+)\])", path)
+        topic, name, axis, index = found.groups()
+        assert topic == LIVE_TOPIC
+        assert isinstance(sent[name][axis or int(index)], float)
+    assert "P" not in frame
+    update = scene_update(rig, rig_shapes(rig, load_scene(), frame))
+    assert {"cables", "platform", "reflectors", "frame"} <= {e.id for e in update.entities}
+
+
+def test_rviz_configuration_reads_topics_that_exist():
+    layout = yaml.safe_load((LAYOUTS / "cabols.rviz").read_text())
+    shown = layout["Visualization Manager"]
+    topics_read = [d["Topic"]["Value"] for d in shown["Displays"] if "Topic" in d]
+    assert topics_read[0] == "/cabols/markers"
+    for topic in topics_read[1:]:
+        assert topic.removeprefix("/cabols/live/") in topics.TYPES
+    assert shown["Global Options"]["Fixed Frame"] == load_geometry().base_frame
+
+
+def test_plotjuggler_layout_plots_fields_that_exist():
+    root = ElementTree.parse(LAYOUTS / "plotjuggler.xml").getroot()
+    curves = [curve.get("name") for curve in root.iter("curve")]
+    assert len(curves) == 28
+    for curve in curves:
+        topic, _, path = curve.removeprefix("/cabols/live/").partition("/")
+        assert message_field(topics.TYPES[topic], path), curve
+    subscribed = {topic.get("name") for topic in root.iter("topic")}
+    assert subscribed == {"/".join(curve.split("/")[:4]) for curve in curves}
+
+
+def test_shapes_lie_between_their_ends(rig, random):
+    for _ in range(50):
+        start, end = random.normal(size=(2, 3))
+        shape = rod("cables", start, end, 0.01, (0.0, 0.0, 0.0))
+        half = 0.5 * shape.size[2] * Rotation.from_quat(shape.quaternion).as_matrix()[:, 2]
+        np.testing.assert_allclose(shape.position + half, end, atol=1e-9)
+    down = rod("cables", np.zeros(3), np.array([0.0, 0.0, -1.0]), 0.01, (0.0, 0.0, 0.0))
+    axis = Rotation.from_quat(down.quaternion).as_matrix()[:, 2]
+    np.testing.assert_allclose(np.abs(axis), [0.0, 0.0, 1.0], atol=1e-9)

@@ -36,6 +36,7 @@ def write(folder, name, text):
 
 def picture(panel, name):
     PICTURES.mkdir(parents=True, exist_ok=True)
+    panel.page.evaluate("scrollTo(0, 0)")
     panel.page.screenshot(path=PICTURES / f"{name}.png")
 
 

@@ -44,14 +44,15 @@ class PageContext:
         return answer
 
     def show(self, answer: Answer) -> None:
-        """Show an answer at the foot of the page; the log keeps it."""
-        ui.notify(
-            answer.message[:300],
-            type="positive" if answer.success else "negative",
-            position="bottom-right",
-            timeout=4000,
-            close_button="x",
-        )
+        """Show a refusal; what was granted shows by itself, and both are in the log."""
+        if not answer.success:
+            ui.notify(
+                answer.message[:300],
+                type="negative",
+                position="bottom",
+                timeout=6000,
+                close_button="close",
+            )
 
     async def call(self, service: str, **fields: Any) -> Answer:
         """Call a service and show the answer."""
