@@ -96,6 +96,7 @@ class WrenchControllerNode(ControlNode):
         answer["residual"][:] = controller.residual
         answer["desired"][:] = controller.desired
         self._output.publish(answer.raw())
+        self._output.copy()
         self.status.work.add(time.monotonic() - started)
         self._report()
 

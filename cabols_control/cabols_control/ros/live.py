@@ -40,11 +40,16 @@ class LiveOutput(Output):
         super().__init__(node, topic, msg_type, qos)
         self._copy = None if lockstep else Output(node, live_name(topic), msg_type, live_qos())
         self._due_ns = 0
+        self._newest = b""
 
     def publish(self, raw: bytes) -> None:
-        """Send serialised bytes, and now and then the copy."""
+        """Send serialised bytes."""
         self._publish(raw)
+        self._newest = raw
+
+    def copy(self) -> None:
+        """Send the newest bytes again if it is time; call it when all that is urgent is sent."""
         now_ns = time.monotonic_ns()
         if now_ns >= self._due_ns and self._copy is not None:
             self._due_ns = now_ns + PERIOD_NS
-            self._copy.publish(raw)
+            self._copy.publish(self._newest)

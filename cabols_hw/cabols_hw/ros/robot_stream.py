@@ -161,6 +161,8 @@ class RobotStream(GuardedThread):
         self._base.pose_into(sample, self._pose["pose"])
         self._pose_output.publish(self._pose.raw())
         self._joint_output.publish(self._joints.raw(self.stamp_ns, sample.joints.tolist()))
+        self._pose_output.copy()
+        self._joint_output.copy()
         self._node.status.work.add(time.monotonic() - began)
 
     def _report(self) -> None:

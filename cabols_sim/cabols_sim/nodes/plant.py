@@ -192,6 +192,7 @@ class PlantNode(BridgeNode):
             self._pose["pose"][:3] = target.position + offset
             self._pose["pose"][3:] = Rotation.from_matrix(target.rotation).as_quat()
         self._pose_output.publish(self._pose.raw())
+        self._pose_output.copy()
 
     def end(self) -> None:
         """End the bridge, then the link."""
