@@ -68,10 +68,9 @@ def give_back() -> None:
     that core still need.
     """
     ordinary = os.sched_param(0)
-    with suppress(OSError):
-        _for_all_threads(
-            lambda tid: os.sched_setscheduler(tid, os.SCHED_OTHER, ordinary), "", lambda _: None
-        )
+    _for_all_threads(
+        lambda tid: os.sched_setscheduler(tid, os.SCHED_OTHER, ordinary), "", lambda _: None
+    )
 
 
 def may_use_fifo() -> bool:
