@@ -18,11 +18,11 @@ from cabols_control.bags.gaps import Gaps
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.scan import first_stamp
 from cabols_control.bags.writer import BagWriter
+from cabols_control.realtime import collect_young
 from cabols_control.ros import topics
 from cabols_control.ros.loop import IDLE_NS, LoopGroup, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
-from cabols_control.ros.realtime import collect_young
 
 QUEUE_DEPTH = 4000
 GATHER_S = 0.02
