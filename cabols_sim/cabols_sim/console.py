@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from cabols_sim.bench_run import forgiving, run_bench, two_cores
+from cabols_sim.bench_run import forgiving, real_time_arguments, run_bench
 
 
 def main() -> int:
@@ -29,7 +29,7 @@ def main() -> int:
         "seed": arguments.seed,
         "speed": arguments.speed,
         **forgiving(arguments.speed),
-        **two_cores(),
+        **real_time_arguments(),
     }
     print(
         f"cabols console: the simulated rig at {arguments.speed:g} of real time; "

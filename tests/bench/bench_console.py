@@ -22,7 +22,7 @@ from typing import Any
 import bench_realtime
 from console_page import is_served
 
-from cabols_sim.bench_run import isolated_environment, two_cores
+from cabols_sim.bench_run import isolated_environment, real_time_arguments
 
 PAGE = Path(__file__).with_name("console_page.py")
 PAGES = 2
@@ -46,7 +46,7 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=Path("build/bench/console.json"))
     parser.add_argument("--seconds", type=float, default=40.0, help="of each run")
     parser.add_argument("--pairs", type=int, default=2, help="runs without and with, in turn")
-    parser.add_argument("--fifo-priority", type=int, default=0, help="SCHED_FIFO; 0 for none")
+    parser.add_argument("--plain", action="store_true", help="ask the kernel for nothing")
     parser.add_argument("--browser", action="store_true", help="a real Chromium instead")
     arguments = parser.parse_args()
     folder = arguments.output.parent / "console"
@@ -67,11 +67,8 @@ def main() -> int:
 def _run(
     folder: Path, environment: dict[str, str], arguments: argparse.Namespace, console: bool
 ) -> dict[str, Any]:
-    values: dict[str, Any] = {
-        "robot": True,
-        "fifo_priority": arguments.fifo_priority,
-        **two_cores(),
-    }
+    asked = {} if arguments.plain else real_time_arguments()
+    values: dict[str, Any] = {"robot": True, **asked}
     if not console:
         return _figures(bench_realtime._graph(folder, environment, arguments.seconds, values))
     values |= {
@@ -82,7 +79,7 @@ def _run(
     }
     # Pages read for as long as the CPU shares are measured, and a little longer.
     length = str(arguments.seconds + 5.0)
-    core = str(two_cores().get("other_cpu", -1))
+    core = str(asked.get("other_cpu", -1))
     pages: list[dict[str, float]] = []
     with ExitStack() as stack:
         if arguments.browser:
