@@ -6,7 +6,7 @@ in all campaigns, the loaded robot, is computed once; each draw adds the noise o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,18 +16,19 @@ from cabols_control.registration import register_frame
 from cabols_control.rig import load_rig
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.card_config import CardConfig
-from cabols_hw.tracker.beam import beam_axes, predicted_covariance
+from cabols_hw.tracker.beam import beam_axes
 from cabols_hw.tracker.config import load_tracker_config
 from cabols_sim.plant_config import PlantConfig
+from cabols_sim.robot.kinematics import Arm
 from cabols_sim.robot.robot_config import RobotConfig
 from cabols_sim.tracker.config import load_tracker_truth
 from cabols_sim.tracker.drift import Drift, displaced
 from cabols_stiffness import PointSamples, load_robot
-from cabols_stiffness.balance import Law, balance
 from cabols_stiffness.screws import turn
 
 REPEATABILITY = 0.02
 """Of the tensions from pass to pass: cable friction lets the wrench differ a little."""
+RAMP_STEPS, SETTLING_STEPS = 8, 6
 REPETITION_S = 2.0
 """From one load to the next: ramp, settling, measuring."""
 
@@ -39,9 +40,8 @@ def bench_robot():
 
 
 def bench_truth():
-    """(6,) true stiffness of the simulated rig."""
-    config = load_config(RobotConfig, packaged("cabols_sim", "bench_robot.yaml"))
-    return np.array(config.stiffness)
+    """The simulated rig's robot: stiffness as the means of table 4.3."""
+    return load_config(RobotConfig, packaged("cabols_sim", "bench_robot.yaml"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +86,10 @@ def ramps(robot, configurations, peaks, levels=(1 / 3, 2 / 3, 1.0)):
 class Bench:
     """Simulates campaigns of one plan."""
 
-    def __init__(self, robot, plan, stiffness=None, cubic=None, averaging_s=0.2, friction=None):
+    def __init__(self, robot, plan, truth=None, averaging_s=0.2):
+        """Load the simulated robot, truth, a RobotConfig (None: the bench's), as planned."""
         self.robot, self.averaging_s = robot, averaging_s
-        self.stiffness = bench_truth() if stiffness is None else np.asarray(stiffness)
-        self.cubic = np.zeros(6) if cubic is None else np.asarray(cubic)
+        self.truth = truth or bench_truth()
         self.tracker = load_tracker_truth()
         self.nominal = load_tracker_config()
         self.card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
@@ -116,10 +116,9 @@ class Bench:
             for p, r in zip(posture.position, posture.rotation, strict=True)
         ]
         self.wrench = np.einsum("kij,kj->ki", matrices, tension)
-        law = Law(self.stiffness, self.cubic, friction)
-        self.rest = balance(robot, self.plan.joints, self.wrench, law, follows=False)
+        self.deflection = self._deflected()
+        where = robot.posture(self.plan.joints + self.deflection)
         self.time = REPETITION_S * np.arange(k)
-        where = self.rest.posture
         self.points = where.position + np.einsum(
             "kij,kj->ki", where.rotation, self.tracker.reflector_points[self.reflector]
         )
@@ -144,6 +143,21 @@ class Bench:
             posture.rotation.swapaxes(1, 2), weight
         )
         self.posture = posture
+
+    def _deflected(self):
+        """(k, 6) deflections by cabols_sim's flexible joints, wrench after wrench, quasi-static."""
+        arm = Arm(tool_position=self.robot.tool_position, tool_rotation=self.robot.tool_rotation)
+        flexible, found = self.truth.joints(), np.empty_like(self.plan.joints)
+        steps = RAMP_STEPS if np.any(self.truth.hysteresis_torque) else 1
+        before = np.zeros(6)
+        for k, (joints, wrench) in enumerate(zip(self.plan.joints, self.wrench, strict=True)):
+            for step in range(1, steps + 1):
+                now = before + step / steps * (wrench - before)
+                for _ in range(SETTLING_STEPS):
+                    _, _, jacobian = arm.solve(joints + flexible.deflection)
+                    flexible.step(jacobian, now, 1.0)
+            before, found[k] = wrench, flexible.deflection
+        return found
 
     def draw(self, seed, register=True):
         """One campaign's samples, (3 n) of them."""
@@ -226,16 +240,3 @@ def bench_configurations():
     """(13, 6) stored configurations of the bench [rad]."""
     stored = load_configurations()
     return np.array([stored.joints(i) for i in range(len(stored))])
-
-
-__all__ = [
-    "Bench",
-    "Plan",
-    "bench_configurations",
-    "bench_robot",
-    "bench_truth",
-    "predicted_covariance",
-    "ramps",
-    "random_peaks",
-    "replace",
-]

@@ -16,6 +16,9 @@ from cabols_control.checks import FloatArray
 from cabols_stiffness.robot import JOINTS, Posture, RobotModel
 from cabols_stiffness.screws import turn, turning
 
+_NEAR = 1e-3
+"""How far, likewise, a Newton step may lead and keep the matrix."""
+
 NEWTON_STEPS = 30
 _ACCURACY = 1e-12
 """Of the deflections, relative to the largest of each joint."""
@@ -112,25 +115,28 @@ def balance(
     """
     if law.published:
         return _published(robot, joints, wrench, law, follows)
-    posture = robot.posture(joints)
-    if start is None:
+    moved, tangent = start, None
+    if moved is None:
+        posture = robot.posture(joints)
         moved = posture.torque(_in_base(posture, wrench, follows)) / law.stiffness
-    else:
-        moved = start
     for _ in range(NEWTON_STEPS):
         posture = robot.posture(joints + moved)
         load = _in_base(posture, wrench, follows)
-        tangent = -posture.complementary_stiffness(load, follows)
-        tangent[:, range(JOINTS), range(JOINTS)] += law.slope(moved)
+        if tangent is None:
+            # Newton's matrix hardly changes on the way: the one at the start serves until the end.
+            at = moved
+            tangent = -posture.complementary_stiffness(load, follows)
+            tangent[:, range(JOINTS), range(JOINTS)] += law.slope(moved)
+            softness = np.asarray(np.linalg.inv(tangent), dtype=np.float64)
         error = posture.torque(load) - law.torque(moved)
-        step = np.linalg.solve(tangent, error[..., None])[..., 0]
+        step = np.einsum("kij,kj->ki", softness, error)
         moved = moved + step
         largest = np.abs(moved).max(axis=0, initial=0.0)
-        if not (np.abs(step).max(axis=0, initial=0.0) > _ACCURACY * (largest + 1e-9)).any():
+        size = np.abs(step).max(axis=0, initial=0.0)
+        if not (size > _ACCURACY * (largest + 1e-9)).any():
             break
-    posture = robot.posture(joints + moved)
-    load = _in_base(posture, wrench, follows)
-    softness = np.asarray(np.linalg.inv(tangent), dtype=np.float64)
+        if (np.abs(moved - at).max(axis=0, initial=0.0) > _NEAR * (largest + 1e-9)).any():
+            tangent = None
     return Balance(moved, posture, load, softness, law.factor, follows)
 
 

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.balance import Law
-from cabols_stiffness.observations import Linearised, Observations, Whitened, whiten
+from cabols_stiffness.observations import Linearised, Observations, whiten
 from cabols_stiffness.robot import JOINTS
 
 STEPS = 30
@@ -30,6 +30,9 @@ free: a hundred times the parameters' own size along them is one standard deviat
 
 HUBER = 2.0
 """Distances beyond this many typical ones get less weight while outliers are looked for."""
+
+HUBER_STEPS = 8
+"""Steps of that fit, which need not converge."""
 
 FALSE_ALARM = 0.01
 """Chance that a campaign without outliers loses a sample as one."""
@@ -93,7 +96,9 @@ class Fitted:
         freedom: numbers measured minus numbers estimated.
         distances: (k,) squared, of each sample from the model, normalised.
         deflection: (k, 6) of the joints [rad].
-        rows: whitened, of the last linearisation.
+        line: the last linearisation.
+        columns: (k, m, p) its scaled derivatives by the p estimated parameters.
+        elastic: (p,) False for the frictions among them.
         iterations: Gauss-Newton steps.
         converged: whether the last one was short enough.
     """
@@ -107,7 +112,9 @@ class Fitted:
     freedom: int
     distances: FloatArray
     deflection: FloatArray
-    rows: Whitened
+    line: Linearised
+    columns: FloatArray
+    elastic: BoolArray
     iterations: int
     converged: bool
 
@@ -143,7 +150,7 @@ def fit(observations: Observations, model: Model, start: Parameters, robust: boo
         ratio = np.sqrt(np.maximum(distances, 1e-300)) / (HUBER * typical)
         return np.asarray(1.0 / np.maximum(ratio, 1.0))
 
-    found = _gauss_newton(observations, model, found.parameters, everything, huber)
+    found = _gauss_newton(observations, model, found.parameters, everything, huber, HUBER_STEPS)
     for _ in range(5):
         use = _inliers(found.distances, m)
         if not use.mean() >= 1.0 - TOO_MANY:
@@ -172,6 +179,7 @@ def _gauss_newton(
     start: Parameters,
     use: BoolArray,
     weigh: Callable[[FloatArray], FloatArray] | None = None,
+    limit: int = STEPS,
 ) -> Fitted:
     """Iterate; weigh, if given, makes weights (k,) from squared distances (k,) at every step."""
     parameters, steps, converged = start, 0, False
@@ -189,7 +197,7 @@ def _gauss_newton(
         target = rows.residual[used].ravel()
         left, singular, right = np.linalg.svd(matrix, full_matrices=False)
         known = singular > FREE
-        if converged or steps == STEPS:
+        if converged or steps == limit:
             break
         step = (left.T @ target)[known]
         moved = right[known].T @ (step / singular[known])
@@ -207,7 +215,7 @@ def _gauss_newton(
         parameters, scale, covariance, free, use,
         float(target @ target),
         int(target.size) - rows.shared - int(known.sum()),
-        distances, line.balance.deflection, rows, steps, converged,
+        distances, line.balance.deflection, line, columns, chosen < 2 * JOINTS, steps, converged,
     )  # fmt: skip
 
 

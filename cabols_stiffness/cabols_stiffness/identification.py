@@ -24,6 +24,7 @@ from scipy.stats import t as student
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.fit import Fitted, IdentificationError, Model, Parameters, fit
+from cabols_stiffness.hysteresis import FINER, REACHES, detect, has_branches
 from cabols_stiffness.observations import Observations, start_stiffness
 from cabols_stiffness.result import AS_PUBLISHED, LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.robot import JOINTS, RobotModel
@@ -38,6 +39,9 @@ torque there, above which the cubic term is not identified."""
 
 CONFIDENCE = 0.95
 
+FRICTION_ROUNDS = 6
+"""Of detecting friction and fitting anew."""
+
 
 def identify(
     samples: PointSamples | Samples,
@@ -46,6 +50,7 @@ def identify(
     *,
     start: StiffnessResult | None = None,
     robust: bool = True,
+    hysteresis: bool = True,
 ) -> StiffnessResult:
     """Joint stiffness with its uncertainty from measured motions under measured wrenches.
 
@@ -56,6 +61,9 @@ def identify(
             "as_published": (4.15), for comparison; its cubic term is about a third of the true one.
         start: an earlier result to begin from; None: a linear solution. It saves time only.
         robust: whether to look for outliers.
+        hysteresis: whether to look for friction where there is an unloading branch; what is found
+            is estimated with the stiffness, so that it does not bend the elastic curve. Never
+            "as_published", which ignores it.
 
     Returns:
         The result; NaN for what the data cannot identify.
@@ -75,8 +83,33 @@ def identify(
         begin = Parameters(1.0 / start.parameters[:JOINTS], np.zeros(JOINTS), np.zeros(JOINTS))
         if start.model == model:
             begin = replace(begin, cubic=start.parameters[JOINTS:].copy())
-    wanted = Model(model != LINEAR, model == AS_PUBLISHED, None, np.zeros(JOINTS, dtype=np.bool_))
-    return summarise(fit(observations, wanted, begin, robust), model)
+    nothing = np.zeros(JOINTS, dtype=np.bool_)
+    wanted = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
+    found = fit(observations, wanted, begin, robust)
+    reach = np.zeros(JOINTS)
+    if hysteresis and model != AS_PUBLISHED and has_branches(samples):
+        found, reach = _with_friction(observations, wanted, found, robust)
+    return summarise(found, model, reach)
+
+
+def _with_friction(
+    observations: Observations, model: Model, found: Fitted, robust: bool
+) -> tuple[Fitted, FloatArray]:
+    reach, reaches = np.zeros(JOINTS), REACHES
+    for _ in range(FRICTION_ROUNDS):
+        before = reach
+        candidate, model = detect(observations, found, model, reaches)
+        reach = np.where(model.rubs, candidate, 0.0)
+        if model.slides is None and not before.any():
+            break
+        rubbing = np.where(model.rubs, found.parameters.friction, 0.0)
+        found = fit(observations, model, replace(found.parameters, friction=rubbing), robust)
+        if np.allclose(reach, before, rtol=0.01, atol=0.0):
+            break
+        # Joints that do not rub yet may do so once the others' friction is known.
+        coarse = REACHES[np.linspace(0, len(REACHES) - 1, FINER.size).astype(int)]
+        reaches = np.where(reach > 0.0, FINER[:, None] * reach, coarse)
+    return found, reach
 
 
 def _check_count(samples: PointSamples | Samples, model: str) -> None:
@@ -95,7 +128,7 @@ def _check_count(samples: PointSamples | Samples, model: str) -> None:
         )
 
 
-def summarise(found: Fitted, model: str) -> StiffnessResult:
+def summarise(found: Fitted, model: str, reach: FloatArray) -> StiffnessResult:
     """What a fit means: stiffness and cubic terms, covariances, intervals, what is identified."""
     freedom = max(found.freedom, 1)
     variance = found.chi_square / freedom
@@ -114,8 +147,8 @@ def summarise(found: Fitted, model: str) -> StiffnessResult:
     known = np.concatenate([identifiable, cubic_known])
     shown = np.where(np.outer(known, known), physical, np.nan)
 
-    reach = width * relative[:JOINTS]
-    ends = np.column_stack([1.0 / (1.0 + reach), 1.0 / np.maximum(1.0 - reach, 1e-9)])
+    half = width * relative[:JOINTS]
+    ends = np.column_stack([1.0 / (1.0 + half), 1.0 / np.maximum(1.0 - half, 1e-9)])
     interval = np.where(identifiable[:, None], stiffness[:, None] * ends, np.nan)
     cubic_interval = None
     if with_cubic:
@@ -140,6 +173,9 @@ def summarise(found: Fitted, model: str) -> StiffnessResult:
         parameters=np.concatenate([stiffness, parameters.cubic]),
         parameter_covariance=physical,
         joint_range=_range(found.deflection, found.use),
+        friction=np.where(reach > 0.0, parameters.friction, 0.0),
+        friction_deviation=relative[2 * JOINTS :] * found.scale[2 * JOINTS :],
+        friction_reach=reach,
     )
 
 
