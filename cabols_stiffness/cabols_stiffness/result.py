@@ -35,6 +35,10 @@ class StiffnessResult:
             identify them (there they are the start, for predictions only).
         parameter_covariance: (12, 12) of parameters, zero in rows that were not estimated.
         joint_range: (6,) largest deflection of each joint in the data [rad].
+        friction: (6,) torque by which loading and unloading of a joint differ from its elastic
+            curve, where hysteresis was detected, else 0 [N m].
+        friction_deviation: (6,) its standard deviation, 0 where none was detected [N m].
+        friction_reach: (6,) motion over which the friction is drawn, likewise [rad].
     """
 
     model: str
@@ -54,6 +58,14 @@ class StiffnessResult:
     parameters: FloatArray
     parameter_covariance: FloatArray
     joint_range: FloatArray
+    friction: FloatArray
+    friction_deviation: FloatArray
+    friction_reach: FloatArray
+
+    @property
+    def hysteretic(self) -> BoolArray:
+        """(6,) joints whose hysteresis was detected."""
+        return np.asarray(self.friction != 0.0)
 
     @property
     def standard_deviation(self) -> FloatArray:

@@ -79,7 +79,7 @@ class PointSamples:
         Raises:
             ShapeError: naming the field, what was expected and what came.
         """
-        k = np.shape(self.joints)[0] if np.ndim(self.joints) == 2 else -1
+        k = _check_joints(self)
         for name in ("configuration", "load", "branch", "reflector", "group"):
             _freeze(self, name, _integers(name, getattr(self, name), k))
         _check_branch(self.branch)
@@ -128,7 +128,7 @@ class Samples:
         Raises:
             ShapeError: naming the field, what was expected and what came.
         """
-        k = np.shape(self.joints)[0] if np.ndim(self.joints) == 2 else -1
+        k = _check_joints(self)
         for name in ("configuration", "load", "branch"):
             _freeze(self, name, _integers(name, getattr(self, name), k))
         _check_branch(self.branch)
@@ -201,8 +201,12 @@ def covariances(name: str, value: ArrayLike, k: int, size: int, definite: bool) 
     return array
 
 
-def _check_common(samples: PointSamples | Samples, k: int) -> None:
+def _check_joints(samples: PointSamples | Samples) -> int:
     _freeze(samples, "joints", finite_array("joints", samples.joints, (None, 6)))
+    return len(samples)
+
+
+def _check_common(samples: PointSamples | Samples, k: int) -> None:
     _freeze(samples, "wrench", finite_array("wrench", samples.wrench, (k, 6)))
     wrench = covariances("wrench_covariance", samples.wrench_covariance, k, 6, False)
     _freeze(samples, "wrench_covariance", wrench)
