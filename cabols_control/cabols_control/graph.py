@@ -88,6 +88,7 @@ RECORDER = NodeSpec(
         "reflector_measurement",
         "stiffness_load",
         "stiffness_estimate",
+        "campaign_status",
     ),
     ("loop_status",),
 )
@@ -114,14 +115,14 @@ CAMPAIGN = (
     NodeSpec(
         "cabols_stiffness",
         "stiffness_identifier",
-        ("stiffness_load",),
+        ("stiffness_load", "campaign_status"),
         ("stiffness_estimate", "loop_status"),
     ),
     NodeSpec(
         "cabols_stiffness",
         "stiffness_campaign",
         ("mode", "limb_state", "wrench", "joint_states", "platform_pose", "stiffness_estimate"),
-        ("desired_tension", "stiffness_load", "loop_status"),
+        ("desired_tension", "stiffness_load", "campaign_status", "loop_status"),
     ),
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cabols_msgs.msg import (
+    CampaignStatus,
     DesiredTension,
     LimbState,
     LoopStatus,
@@ -46,6 +47,7 @@ TYPES: dict[str, type] = {
     "reflector_measurement": ReflectorMeasurement,
     "stiffness_load": StiffnessLoad,
     "stiffness_estimate": StiffnessEstimate,
+    "campaign_status": CampaignStatus,
 }
 """Every topic of the bench, relative to the namespace."""
 
@@ -65,6 +67,9 @@ CONTROL_TOPICS = (
     "joint_states",
 )
 """Topics with control_qos."""
+
+LATCHED_TOPICS = ("mode", "stiffness_estimate", "campaign_status")
+"""Topics with latched_qos: who comes late must know them at once."""
 
 
 def limb_state_layout(geometry: RigGeometry) -> Layout:
