@@ -25,7 +25,7 @@ from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.fit import Fitted, IdentificationError, Model, Parameters, fit
 from cabols_stiffness.hysteresis import FINER, REACHES, detect, has_branches
-from cabols_stiffness.observations import Observations, start_stiffness
+from cabols_stiffness.observations import DRIFT_SAMPLES, Observations, start_stiffness
 from cabols_stiffness.result import AS_PUBLISHED, LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.robot import JOINTS, RobotModel
 from cabols_stiffness.samples import PointSamples, Samples
@@ -77,8 +77,7 @@ def identify(
     observations = Observations(samples, robot)
     _check_count(samples, model)
     if start is None:
-        stiffness, _ = start_stiffness(observations)
-        begin = Parameters(1.0 / stiffness, np.zeros(JOINTS), np.zeros(JOINTS))
+        begin = Parameters(1.0 / start_stiffness(observations), np.zeros(JOINTS), np.zeros(JOINTS))
     else:
         begin = Parameters(1.0 / start.parameters[:JOINTS], np.zeros(JOINTS), np.zeros(JOINTS))
         if start.model == model:
@@ -103,12 +102,16 @@ def _with_friction(
         if model.slides is None and not before.any():
             break
         rubbing = np.where(model.rubs, found.parameters.friction, 0.0)
-        found = fit(observations, model, replace(found.parameters, friction=rubbing), robust)
+        # What was left out so far may only have missed its friction: judged again at the end.
+        begin = replace(found.parameters, friction=rubbing)
+        found = fit(observations, model, begin, robust=False, use=found.use)
         if np.allclose(reach, before, rtol=0.01, atol=0.0):
             break
         # Joints that do not rub yet may do so once the others' friction is known.
         coarse = REACHES[np.linspace(0, len(REACHES) - 1, FINER.size).astype(int)]
         reaches = np.where(reach > 0.0, FINER[:, None] * reach, coarse)
+    if robust and reach.any():
+        found = fit(observations, model, found.parameters, use=found.use)
     return found, reach
 
 
@@ -116,9 +119,9 @@ def _check_count(samples: PointSamples | Samples, model: str) -> None:
     k = len(samples)
     unknowns = JOINTS if model == LINEAR else 2 * JOINTS
     if isinstance(samples, PointSamples):
-        groups = np.unique(samples.group).size
-        numbers, unknowns = 3 * k, unknowns + 6 * groups
-        what = f"{groups} groups' offsets and drifts and the joints"
+        sizes = np.unique(samples.group, return_counts=True)[1]
+        numbers, unknowns = 3 * k, unknowns + int(np.where(sizes >= DRIFT_SAMPLES, 6, 3).sum())
+        what = f"{sizes.size} groups' offsets and drifts and the joints"
     else:
         numbers, what = 6 * k, "the joints"
     if not numbers > unknowns:
