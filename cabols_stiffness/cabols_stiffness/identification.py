@@ -72,28 +72,45 @@ def identify(
         CabolsError: if the model is unknown.
         IdentificationError: if there are too few samples or too many outliers.
     """
+    return estimate(
+        Observations(samples, robot), model, start=start, robust=robust, hysteresis=hysteresis
+    )[2]
+
+
+def estimate(
+    observations: Observations,
+    model: str,
+    *,
+    start: StiffnessResult | None = None,
+    robust: bool = True,
+    hysteresis: bool = True,
+) -> tuple[Fitted, Model, StiffnessResult]:
+    """As identify; returns the fit and what was estimated, too."""
     if model not in MODELS:
         raise CabolsError(f"model: expected one of {', '.join(MODELS)}, got {model!r}")
-    observations = Observations(samples, robot)
+    samples = observations.samples
     _check_count(samples, model)
-    if start is None:
-        begin = Parameters(1.0 / start_stiffness(observations), np.zeros(JOINTS), np.zeros(JOINTS))
-    else:
-        begin = Parameters(1.0 / start.parameters[:JOINTS], np.zeros(JOINTS), np.zeros(JOINTS))
-        if start.model == model:
-            begin = replace(begin, cubic=start.parameters[JOINTS:].copy())
+    begin = _start(observations, model, start)
     nothing = np.zeros(JOINTS, dtype=np.bool_)
     wanted = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
     found = fit(observations, wanted, begin, robust)
     reach = np.zeros(JOINTS)
     if hysteresis and model != AS_PUBLISHED and has_branches(samples):
-        found, reach = _with_friction(observations, wanted, found, robust)
-    return summarise(found, model, reach)
+        found, wanted, reach = _with_friction(observations, wanted, found, robust)
+    return found, wanted, summarise(found, model, reach)
+
+
+def _start(observations: Observations, model: str, start: StiffnessResult | None) -> Parameters:
+    nothing = np.zeros(JOINTS)
+    if start is None:
+        return Parameters(1.0 / start_stiffness(observations), nothing, nothing)
+    cubic = start.parameters[JOINTS:].copy() if start.model == model else nothing
+    return Parameters(1.0 / start.parameters[:JOINTS], cubic, nothing)
 
 
 def _with_friction(
     observations: Observations, model: Model, found: Fitted, robust: bool
-) -> tuple[Fitted, FloatArray]:
+) -> tuple[Fitted, Model, FloatArray]:
     reach, reaches = np.zeros(JOINTS), REACHES
     for _ in range(FRICTION_ROUNDS):
         before = reach
@@ -112,7 +129,7 @@ def _with_friction(
         reaches = np.where(reach > 0.0, FINER[:, None] * reach, coarse)
     if robust and reach.any():
         found = fit(observations, model, found.parameters, use=found.use)
-    return found, reach
+    return found, model, reach
 
 
 def _check_count(samples: PointSamples | Samples, model: str) -> None:
