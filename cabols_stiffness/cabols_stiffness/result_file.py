@@ -83,6 +83,24 @@ def from_mapping(content: dict[str, Any]) -> StiffnessResult:
         raise ConfigError(f"result: {error}") from error
 
 
+def tool_of(content: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
+    """Tool (3,) [m] and (3, 3), flange axes, that the result of a mapping is about.
+
+    Raises:
+        ConfigError: if it is missing or has another shape.
+    """
+    try:
+        robot = content["robot"]
+        position = finite_array("tool_position_m", robot["tool_position_m"], (3,))
+        return position, finite_array("tool_rotation", robot["tool_rotation"], (3, 3))
+    except (KeyError, TypeError) as error:
+        raise ConfigError(
+            f"robot: expected tool_position_m and tool_rotation, got none of {error}"
+        ) from error
+    except CabolsError as error:
+        raise ConfigError(f"robot: {error}") from error
+
+
 def _result(content: dict[str, Any]) -> StiffnessResult:
     model, joints = content["model"], content["joints"]
     if model not in MODELS or len(joints) != JOINTS:
