@@ -119,7 +119,13 @@ class Fitted:
     converged: bool
 
 
-def fit(observations: Observations, model: Model, start: Parameters, robust: bool = True) -> Fitted:
+def fit(
+    observations: Observations,
+    model: Model,
+    start: Parameters,
+    robust: bool = True,
+    use: BoolArray | None = None,
+) -> Fitted:
     """Fit a model; leave out outliers.
 
     Samples count as outliers when their squared distance exceeds what all k samples of a normal
@@ -131,18 +137,17 @@ def fit(observations: Observations, model: Model, start: Parameters, robust: boo
         observations: of the robot.
         model: what to estimate.
         start: first guess; not estimated parameters keep it.
-        robust: False: take all samples.
+        robust: False: take all samples in use.
+        use: (k,) samples to begin with; None: all. A robust fit may take others up again.
 
     Raises:
         IdentificationError: if more samples than TOO_MANY do not fit the others.
     """
     k, m = len(observations.samples), observations.size
     everything = np.ones(k, dtype=np.bool_)
-    found = _gauss_newton(observations, model, start, everything)
-    if not robust:
-        return found
-    use = _inliers(found.distances, m)
-    if use.all():
+    begin = everything if use is None else use
+    found = _gauss_newton(observations, model, start, begin)
+    if not robust or (_inliers(found.distances, m) == begin).all():
         return found
 
     def huber(distances: FloatArray) -> FloatArray:

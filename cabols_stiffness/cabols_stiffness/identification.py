@@ -25,7 +25,7 @@ from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.fit import Fitted, IdentificationError, Model, Parameters, fit
 from cabols_stiffness.hysteresis import FINER, REACHES, detect, has_branches
-from cabols_stiffness.observations import Observations, start_stiffness
+from cabols_stiffness.observations import DRIFT_SAMPLES, Observations, start_stiffness
 from cabols_stiffness.result import AS_PUBLISHED, LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.robot import JOINTS, RobotModel
 from cabols_stiffness.samples import PointSamples, Samples
@@ -72,29 +72,45 @@ def identify(
         CabolsError: if the model is unknown.
         IdentificationError: if there are too few samples or too many outliers.
     """
+    return estimate(
+        Observations(samples, robot), model, start=start, robust=robust, hysteresis=hysteresis
+    )[2]
+
+
+def estimate(
+    observations: Observations,
+    model: str,
+    *,
+    start: StiffnessResult | None = None,
+    robust: bool = True,
+    hysteresis: bool = True,
+) -> tuple[Fitted, Model, StiffnessResult]:
+    """As identify; returns the fit and what was estimated, too."""
     if model not in MODELS:
         raise CabolsError(f"model: expected one of {', '.join(MODELS)}, got {model!r}")
-    observations = Observations(samples, robot)
+    samples = observations.samples
     _check_count(samples, model)
-    if start is None:
-        stiffness, _ = start_stiffness(observations)
-        begin = Parameters(1.0 / stiffness, np.zeros(JOINTS), np.zeros(JOINTS))
-    else:
-        begin = Parameters(1.0 / start.parameters[:JOINTS], np.zeros(JOINTS), np.zeros(JOINTS))
-        if start.model == model:
-            begin = replace(begin, cubic=start.parameters[JOINTS:].copy())
+    begin = _start(observations, model, start)
     nothing = np.zeros(JOINTS, dtype=np.bool_)
     wanted = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
     found = fit(observations, wanted, begin, robust)
     reach = np.zeros(JOINTS)
     if hysteresis and model != AS_PUBLISHED and has_branches(samples):
-        found, reach = _with_friction(observations, wanted, found, robust)
-    return summarise(found, model, reach)
+        found, wanted, reach = _with_friction(observations, wanted, found, robust)
+    return found, wanted, summarise(found, model, reach)
+
+
+def _start(observations: Observations, model: str, start: StiffnessResult | None) -> Parameters:
+    nothing = np.zeros(JOINTS)
+    if start is None:
+        return Parameters(1.0 / start_stiffness(observations), nothing, nothing)
+    cubic = start.parameters[JOINTS:].copy() if start.model == model else nothing
+    return Parameters(1.0 / start.parameters[:JOINTS], cubic, nothing)
 
 
 def _with_friction(
     observations: Observations, model: Model, found: Fitted, robust: bool
-) -> tuple[Fitted, FloatArray]:
+) -> tuple[Fitted, Model, FloatArray]:
     reach, reaches = np.zeros(JOINTS), REACHES
     for _ in range(FRICTION_ROUNDS):
         before = reach
@@ -103,22 +119,26 @@ def _with_friction(
         if model.slides is None and not before.any():
             break
         rubbing = np.where(model.rubs, found.parameters.friction, 0.0)
-        found = fit(observations, model, replace(found.parameters, friction=rubbing), robust)
+        # What was left out so far may only have missed its friction: judged again at the end.
+        begin = replace(found.parameters, friction=rubbing)
+        found = fit(observations, model, begin, robust=False, use=found.use)
         if np.allclose(reach, before, rtol=0.01, atol=0.0):
             break
         # Joints that do not rub yet may do so once the others' friction is known.
         coarse = REACHES[np.linspace(0, len(REACHES) - 1, FINER.size).astype(int)]
         reaches = np.where(reach > 0.0, FINER[:, None] * reach, coarse)
-    return found, reach
+    if robust and reach.any():
+        found = fit(observations, model, found.parameters, use=found.use)
+    return found, model, reach
 
 
 def _check_count(samples: PointSamples | Samples, model: str) -> None:
     k = len(samples)
     unknowns = JOINTS if model == LINEAR else 2 * JOINTS
     if isinstance(samples, PointSamples):
-        groups = np.unique(samples.group).size
-        numbers, unknowns = 3 * k, unknowns + 6 * groups
-        what = f"{groups} groups' offsets and drifts and the joints"
+        sizes = np.unique(samples.group, return_counts=True)[1]
+        numbers, unknowns = 3 * k, unknowns + int(np.where(sizes >= DRIFT_SAMPLES, 6, 3).sum())
+        what = f"{sizes.size} groups' offsets and drifts and the joints"
     else:
         numbers, what = 6 * k, "the joints"
     if not numbers > unknowns:

@@ -174,12 +174,11 @@ def _take_out(rows: FloatArray, white: FloatArray, samples: PointSamples, use: B
     return count
 
 
-def start_stiffness(observations: Observations) -> tuple[FloatArray, FloatArray]:
+def start_stiffness(observations: Observations) -> FloatArray:
     """First guess of the stiffness: J diag(J^T w) c explains the motion, linear in compliance c.
 
     Returns:
-        (6,) stiffness [N m/rad], with a very stiff guess where the data say nothing of a joint;
-        (6,) largest torques of the joints [N m].
+        (6,) stiffness [N m/rad], with a very stiff guess where the data say nothing of a joint.
     """
     samples = observations.samples
     rigid = Law(np.full(JOINTS, 1e12), np.zeros(JOINTS))
@@ -194,7 +193,6 @@ def start_stiffness(observations: Observations) -> tuple[FloatArray, FloatArray]
     compliance = np.zeros(JOINTS)
     found = np.linalg.lstsq(matrix[:, known] / scale[known], rows.residual.ravel(), rcond=1e-6)[0]
     compliance[known] = found / scale[known]
-    largest = np.abs(torque).max(axis=0, initial=0.0)
     # A joint whose motion drowns in the noise starts as stiff as would move it by that noise.
     floor = np.where(known, 1.0 / np.where(known, scale, 1.0), 1e-9)
-    return 1.0 / np.clip(compliance, np.minimum(floor, 1e-3), 1.0), largest
+    return np.asarray(1.0 / np.clip(compliance, np.minimum(floor, 1e-3), 1.0))
