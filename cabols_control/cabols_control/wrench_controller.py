@@ -149,9 +149,7 @@ class WrenchController:
         self.tension[:] = self._law.tension
         return self.tension
 
-    def _command_tensions(
-        self, stamp_s: float, dt_s: float, wanted: DesiredTension | None
-    ) -> bool:
+    def _command_tensions(self, stamp_s: float, dt_s: float, wanted: DesiredTension | None) -> bool:
         """Command tensions instead of a wrench, if some are asked for (section 4.3)."""
         reference = self._tensions
         led = reference.active

@@ -102,10 +102,17 @@ def from_cells(cells: Sequence[str], limbs: int) -> MeasuredLoad:
     tension, joints, wrench, deviation, upper, position, rest = np.split(
         numbers, np.cumsum([limbs, 6, 6, 6, UPPER[0].size, 3])
     )
+    configuration, reflector, load, group, branch, begin_ns, end_ns, samples = whole
     return MeasuredLoad(
-        *whole[:7],
+        configuration,
+        reflector,
+        load,
+        group,
+        branch,
+        begin_ns,
+        end_ns,
         tension,
-        WindowAverage(wrench, _symmetric(upper, 6), deviation, joints, whole[7]),
+        WindowAverage(wrench, _symmetric(upper, 6), deviation, joints, samples),
         position,
         _symmetric(rest, 3),
     )

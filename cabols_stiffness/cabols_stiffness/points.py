@@ -1,4 +1,4 @@
-"""From measured loads to what `identify` takes: points in the robot's base, wrenches on its tool."""
+"""From measured loads to what `identify` takes: points in the robot's base, and wrenches."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """A campaign's folder: what was asked, what was measured so far, what was given up; survives cuts.
 
-`campaign.yaml` what was asked, `samples.csv` a line for each finished load, `log.csv` what was tried
-again or skipped and why, `bags/NNNN` a bag for each run. A line is on the disk before the campaign
-goes on; the last one may be cut by a power failure and is then dropped, as its load was not
-finished.
+`campaign.yaml` what was asked, `samples.csv` a line for each finished load, `log.csv` what was
+tried again or skipped and why, `bags/NNNN` a bag for each run. A line is on the disk before the
+campaign goes on; the last one may be cut by a power failure and is then dropped, as its load was
+not finished.
 """
 
 from __future__ import annotations
@@ -136,13 +136,14 @@ class Journal:
         return load_plan(own)
 
     def _read(self) -> list[MeasuredLoad]:
-        found = []
-        for number, cells in enumerate(self._samples.rows(), start=2):
-            try:
-                found.append(from_cells(cells, self.plan.limbs))
-            except CampaignError as error:
-                raise CampaignError(f"{self._samples.path}, line {number}: {error}") from error
-        return found
+        rows = enumerate(self._samples.rows(), start=2)
+        return [self._load(number, cells) for number, cells in rows]
+
+    def _load(self, number: int, cells: list[str]) -> MeasuredLoad:
+        try:
+            return from_cells(cells, self.plan.limbs)
+        except CampaignError as error:
+            raise CampaignError(f"{self._samples.path}, line {number}: {error}") from error
 
     @property
     def finished(self) -> set[LoadKey]:

@@ -85,9 +85,7 @@ class Finish:
     """Unload and stop."""
 
 
-Request: TypeAlias = (
-    Move | Pretighten | BeginLoading | Apply | Measure | Tell | Rest | Finish
-)
+Request: TypeAlias = Move | Pretighten | BeginLoading | Apply | Measure | Tell | Rest | Finish
 
 
 @dataclass(frozen=True)

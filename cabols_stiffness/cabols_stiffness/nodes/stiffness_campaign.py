@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import threading
 from datetime import datetime, timezone
@@ -18,8 +17,10 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
+from cabols_control.bags.metadata import FILE_NAME as METADATA
 from cabols_control.bags.recover import recover
 from cabols_control.errors import CabolsError
+from cabols_control.kinematics import structure_matrix
 from cabols_control.modes import OperatingMode
 from cabols_control.ros.loop import Output
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
@@ -67,6 +68,10 @@ class StiffnessCampaignNode(ControlNode):
         self._accuracy = 0.0
         self._shown_folder = ""
         self._turns = 0
+        self._refusal = ""
+        # Compile, or load, what judges a load.
+        geometry = self.rig.geometry
+        structure_matrix(geometry, geometry.reference_position, geometry.reference_rotation)
         for name, callback in (
             ("pause_stiffness_test", self._pause),
             ("resume_stiffness_test", self._resume),
@@ -131,8 +136,9 @@ class StiffnessCampaignNode(ControlNode):
             refusal = f"the mode is {name}, expected STOPPED"
         elif not 0.0 <= request.accuracy < 1.0:
             refusal = f"accuracy: expected 0 to 1, got {request.accuracy}"
-        if refusal:
-            self.get_logger().error(f"run_stiffness_test refused: {refusal}")
+        if refusal and refusal != self._refusal:
+            self.get_logger().info(f"run_stiffness_test refused: {refusal}")
+        self._refusal = refusal
         return GoalResponse.REJECT if refusal else GoalResponse.ACCEPT
 
     def _cancel(self, _: Any) -> CancelResponse:
@@ -187,7 +193,7 @@ class StiffnessCampaignNode(ControlNode):
         """Complete bags of runs that were cut; take over loads that only their bags have."""
         saved = 0
         for bag in journal.bags():
-            if recover(bag).changed:
+            if any(bag.glob("*.mcap")) and not (bag / METADATA).exists() and recover(bag).changed:
                 saved += journal.adopt(read_loads(bag, journal.plan).loads)
         return saved
 
@@ -292,12 +298,15 @@ class StiffnessCampaignNode(ControlNode):
         self._status_output.publish(serialize_message(message))
 
     def _pause(self, request: Any, response: Any) -> Any:
+        del request
         return self._order(response, "it rests after the present load", lambda run: run.pause())
 
     def _resume(self, request: Any, response: Any) -> Any:
+        del request
         return self._order(response, "it goes on", lambda run: run.resume())
 
     def _abort(self, request: Any, response: Any) -> Any:
+        del request
         return self._order(response, "it unloads and ends", lambda run: run.abort("aborted"))
 
     def _order(self, response: Any, said: str, act: Any) -> Any:

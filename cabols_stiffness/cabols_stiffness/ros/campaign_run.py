@@ -36,10 +36,12 @@ from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measured import MeasuredLoad
 from cabols_stiffness.ros.intake import Intake
 from cabols_stiffness.ros.leader import TensionLeader
-from cabols_stiffness.ros.operator import Interrupted, Operator
+from cabols_stiffness.ros.operator import InterruptedCampaignError, Operator
 from cabols_stiffness.samples import REFERENCE
 from cabols_stiffness.window import average, stands
 
+CALM_S = 0.5
+"""Of the rig's time, before anything moves: the sensor's tare."""
 MODE_S = 10.0
 """Of the rig's time, for any change of mode."""
 FORGET_S = 0.15
@@ -49,12 +51,15 @@ BEHIND_S = 2.0
 PAUSE_S = 1e9
 
 
+NOWHERE = LoadKey(0, 0, 0)
+
+
 @dataclass
 class Standing:
     """Where a run stands, for feedback and status."""
 
     phase: str = "starting"
-    key: LoadKey = LoadKey(0, 0, 0)
+    key: LoadKey = NOWHERE
     done: int = 0
     total: int = 0
     skipped: int = 0
@@ -125,6 +130,7 @@ class CampaignRun:
         """Carry out every step; whatever happens, unload in the end."""
         steps = self._flow.steps()
         try:
+            self._operator.pause(CALM_S)
             request = next(steps)
             while True:
                 request = steps.send(self._carry_out(request))
@@ -145,7 +151,7 @@ class CampaignRun:
         try:
             if self._node.context.ok():
                 self._operator.enter(OperatingMode.STOPPED, MODE_S)
-        except Interrupted as error:
+        except InterruptedCampaignError as error:
             self.reason = self.reason or str(error)
 
     def _carry_out(self, request: Request) -> Reply:
@@ -172,7 +178,11 @@ class CampaignRun:
     def _move(self, request: Move) -> Reply:
         standing = self.standing
         standing.phase, standing.key = "moving", LoadKey(request.configuration, 0, 0)
-        reason = self._operator.enter(OperatingMode.FREE_MOVING, MODE_S)
+        reason = ""
+        if not self._intake.zeroed.all():
+            # With zeros the cables follow the robot at a tension, not by their switches alone.
+            reason = self._pretighten().reason
+        reason = reason or self._operator.enter(OperatingMode.FREE_MOVING, MODE_S)
         reason = reason or self._operator.move(request.configuration, self._plan.move_timeout)
         return Reply(f"robot to configuration {request.configuration}: {reason}" if reason else "")
 
@@ -248,7 +258,7 @@ class CampaignRun:
         message = self._announcement(request)
         try:
             load = self._measured(request, message)
-        except Interrupted:
+        except InterruptedCampaignError:
             raise
         except CampaignError as error:
             message.success, message.reason = False, str(error)

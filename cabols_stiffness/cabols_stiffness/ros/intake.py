@@ -56,6 +56,7 @@ class CampaignBag:
         self._waiting: deque[tuple[int, str, int, bytes]] = deque()
         self._lock = threading.Lock()
         self._flushed = time.monotonic()
+        self._closed = False
 
     def add(self, topic: str, raw: bytes, received_ns: int, sent_ns: int = 0) -> None:
         """Queue one message."""
@@ -64,6 +65,8 @@ class CampaignBag:
     def write(self, flush: bool = False) -> None:
         """Write what waits; twice a second, or on demand, save it against kill -9."""
         with self._lock:
+            if self._closed:
+                return
             batch = [self._waiting.popleft() for _ in range(len(self._waiting))]
             batch.sort(key=itemgetter(0))
             for received_ns, topic, sent_ns, raw in batch:
@@ -76,6 +79,7 @@ class CampaignBag:
         """Write the rest and complete the bag."""
         self.write()
         with self._lock:
+            self._closed = True
             self._writer.close()
 
 

@@ -27,7 +27,7 @@ ACTION_STRETCH = 20.0
 """Wall time that an action may take for each second of the rig's: lockstep may be slow."""
 
 
-class Interrupted(CampaignError):
+class InterruptedCampaignError(CampaignError):
     """The campaign cannot go on now: an abort, a FAULT, a rig that is gone."""
 
 
@@ -49,7 +49,7 @@ class Operator:
         self._goal: Any = None
 
     def abort(self, reason: str) -> None:
-        """End every wait, now and later, with Interrupted."""
+        """End every wait, now and later, with InterruptedCampaignError."""
         self._aborted = self._aborted or reason
 
     def forget_abort(self) -> None:
@@ -73,7 +73,7 @@ class Operator:
             False when the time is over.
 
         Raises:
-            Interrupted: see the class.
+            InterruptedCampaignError: see the class.
         """
         intake = self._intake
         began_ns, seen_ns, seen_at = intake.now_ns, intake.now_ns, time.monotonic()
@@ -87,21 +87,23 @@ class Operator:
             if now_ns != seen_ns:
                 seen_ns, seen_at = now_ns, time.monotonic()
             elif time.monotonic() - seen_at > STALL_S:
-                raise Interrupted(f"no wrench for {STALL_S:g} s: is the bridge running?")
+                raise InterruptedCampaignError(
+                    f"no wrench for {STALL_S:g} s: is the bridge running?"
+                )
             if 1e-9 * (now_ns - began_ns) > seconds:
                 return condition()
 
     def _look_around(self, loading: bool) -> None:
         intake = self._intake
         if self._aborted:
-            raise Interrupted(self._aborted)
+            raise InterruptedCampaignError(self._aborted)
         if not self._node.context.ok():
-            raise Interrupted("the node ends")
+            raise InterruptedCampaignError("the node ends")
         if intake.mode == OperatingMode.FAULT:
-            raise Interrupted(f"the rig is in FAULT: {intake.reason}")
+            raise InterruptedCampaignError(f"the rig is in FAULT: {intake.reason}")
         if loading and intake.mode != OperatingMode.LOADING:
             name = "unknown" if intake.mode is None else intake.mode.name
-            raise Interrupted(f"the mode became {name}: {intake.reason}")
+            raise InterruptedCampaignError(f"the mode became {name}: {intake.reason}")
 
     def pause(self, seconds: float) -> None:
         """Let so much of the rig's time pass."""
@@ -132,9 +134,7 @@ class Operator:
 
     def measure(self, reflector: int, averaging_s: float, seconds: float) -> tuple[Any, str]:
         """Measure a reflector; return the ReflectorMeasurement, and why that failed, or nothing."""
-        goal = MeasureReflector.Goal(
-            reflector=reflector, averaging_time=averaging_s, search=True
-        )
+        goal = MeasureReflector.Goal(reflector=reflector, averaging_time=averaging_s, search=True)
         result, reason = self._act(self._measure, goal, seconds, loading=True)
         if reason:
             return None, reason
@@ -158,7 +158,7 @@ class Operator:
                 if time.monotonic() > give_up:
                     handle.cancel_goal_async()
                     return None, f"no result within {ACTION_STRETCH * seconds:.0f} s"
-        except Interrupted:
+        except InterruptedCampaignError:
             handle.cancel_goal_async()
             raise
         return future.result().result, ""
