@@ -16,7 +16,8 @@ from cabols_control.registration import register_frame
 from cabols_control.rig import load_rig
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.card_config import CardConfig
-from cabols_hw.tracker.beam import beam_axes
+from cabols_hw.safety_config import SafetyConfig
+from cabols_hw.tracker.beam import beam_axes, predicted_covariance
 from cabols_hw.tracker.config import load_tracker_config
 from cabols_sim.plant_config import PlantConfig
 from cabols_sim.robot.kinematics import Arm
@@ -24,6 +25,7 @@ from cabols_sim.robot.robot_config import RobotConfig
 from cabols_sim.tracker.config import load_tracker_truth
 from cabols_sim.tracker.drift import Drift, displaced
 from cabols_stiffness import PointSamples, load_robot
+from cabols_stiffness.design import Setup, optimal_tensions
 from cabols_stiffness.screws import turn
 
 REPEATABILITY = 0.02
@@ -31,6 +33,11 @@ REPEATABILITY = 0.02
 RAMP_STEPS, SETTLING_STEPS = 8, 6
 REPETITION_S = 2.0
 """From one load to the next: ramp, settling, measuring."""
+
+WRENCH_LIMIT = 0.95 * np.array(
+    load_config(SafetyConfig, packaged("cabols_hw", "bench_safety.yaml")).wrench_max
+)
+TENSION = (load_rig().holding_tension, 140.0)
 
 
 def bench_robot():
@@ -58,11 +65,10 @@ class Plan:
     tension: np.ndarray
 
 
-def ramps(robot, configurations, peaks, levels=(1 / 3, 2 / 3, 1.0)):
+def ramps(configurations, peaks, levels=(1 / 3, 2 / 3, 1.0)):
     """Plan of ramps from the holding tension to each peak and back, a reference after each.
 
     Args:
-        robot: for nothing but its joints.
         configurations: (c, 6) joints [rad].
         peaks: c arrays (d, cables) of tensions [N].
         levels: shares of the way to a peak at which to measure.
@@ -216,11 +222,10 @@ class Bench:
         return frame.rotation, frame.reflectors
 
 
-def random_peaks(robot, configurations, count, seed, limit=None):
+def random_peaks(robot, configurations, count, seed):
     """Arbitrary tensions that the wrench limits allow: uniform between 6 and 140 N, scaled down."""
     random = np.random.default_rng(seed)
     rig = load_rig()
-    limit = np.array([155.0, 155.0, 465.0, 14.0, 14.0, 14.0]) if limit is None else limit
     peaks = []
     for joints in configurations:
         position, rotation = robot.forward(joints)
@@ -230,10 +235,39 @@ def random_peaks(robot, configurations, count, seed, limit=None):
         for _ in range(count):
             wanted = random.uniform(rig.holding_tension, 140.0, rig.geometry.cables)
             load = turn(rotation.T, matrix @ wanted)
-            share = min(1.0, 0.95 / np.abs(load / limit).max())
+            share = min(1.0, 1.0 / np.abs(load / WRENCH_LIMIT).max())
             rows.append(holding + share * (wanted - holding))
         peaks.append(np.array(rows))
     return peaks
+
+
+def bench_setup(averaging_s=0.2, cubic=False):
+    """What a design of experiments knows of the bench; the stiffness is guessed 20 % wrong."""
+    config, geometry = load_tracker_config(), load_rig().geometry
+    floor = config.averaging_floor**2
+    share = floor + (1.0 - floor) / max(1.0, averaging_s * load_tracker_truth().rate)
+    turned = config.base_rotation
+    points = (
+        geometry.reference_position
+        + config.reflector_points @ geometry.reference_rotation.T
+        - config.base_position
+    ) @ turned
+    noise = [turned @ predicted_covariance(p, config.noise, share) @ turned.T for p in points]
+    guess = np.array(bench_truth().stiffness) * [1.2, 0.8, 1.2, 0.8, 1.2, 0.8]
+    return Setup(bench_robot(), guess, config.reflector_points, np.array(noise), cubic)
+
+
+def optimal_peaks(configurations, peaks, criterion="D"):
+    """Optimal tensions for configurations, and the design."""
+    return optimal_tensions(
+        bench_setup(),
+        load_rig().geometry,
+        configurations,
+        peaks,
+        tension=TENSION,
+        wrench_limit=WRENCH_LIMIT,
+        criterion=criterion,
+    )
 
 
 def bench_configurations():
