@@ -27,9 +27,14 @@ from cabols_sim.tracker.drift import Drift, displaced
 from cabols_stiffness import PointSamples, load_robot
 from cabols_stiffness.design import Setup, optimal_tensions
 from cabols_stiffness.screws import turn
+from cabols_stiffness.second_pass import loaded_posture, without_tool_weight
 
 REPEATABILITY = 0.02
 """Of the tensions from pass to pass: cable friction lets the wrench differ a little."""
+GUESS = np.array([1.1, 0.9, 1.1, 0.9, 1.1, 0.9] * 2)
+"""Of the stiffness, before a campaign or after a first, coarse identification."""
+REPEATED = np.diag([4e-5] * 3 + [9e-5] * 3) ** 2
+"""Weights of the robot's poses in the registration: its repeatability."""
 RAMP_STEPS, SETTLING_STEPS = 8, 6
 REPETITION_S = 2.0
 """From one load to the next: ramp, settling, measuring."""
@@ -96,6 +101,7 @@ class Bench:
         """Load the simulated robot, truth, a RobotConfig (None: the bench's), as planned."""
         self.robot, self.averaging_s = robot, averaging_s
         self.truth = truth or bench_truth()
+        self.parameters = np.array([*self.truth.stiffness, *self.truth.cubic])
         self.tracker = load_tracker_truth()
         self.nominal = load_tracker_config()
         self.card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
@@ -181,7 +187,7 @@ class Bench:
         wrench = wrench + tare
         rotation, offsets = self._registered(measured, covariance) if register else self._true()
         plan = self.plan
-        return PointSamples(
+        samples = PointSamples(
             configuration=plan.configuration,
             load=plan.load,
             branch=plan.branch,
@@ -194,6 +200,9 @@ class Bench:
             offset=offsets[self.reflector],
             position=measured @ rotation.T,
             position_covariance=rotation @ covariance @ rotation.T,
+        )
+        return without_tool_weight(
+            samples, self.robot, GUESS * self.parameters, self.sensors.tool_weight
         )
 
     def _true(self):
@@ -210,13 +219,16 @@ class Bench:
             points.append([measured[i].mean(axis=0) for i in each])
             weights.append([covariance[i].mean(axis=0) / i.size for i in each])
             where.append(each[0][0])
+        posture = loaded_posture(
+            self.robot, plan.joints[where], self.sensed[where], GUESS * self.parameters
+        )
         frame = register_frame(
-            self.posture.position[where],
-            self.posture.rotation[where],
+            posture.position,
+            posture.rotation,
             self.nominal.reflector_points,
             points,
             weights,
-            pose_covariance=np.diag([12e-6] * 3 + [30e-6] * 3) ** 2,
+            pose_covariance=REPEATED,
             solve_reflectors=True,
         )
         return frame.rotation, frame.reflectors
@@ -242,7 +254,7 @@ def random_peaks(robot, configurations, count, seed):
 
 
 def bench_setup(averaging_s=0.2, cubic=False):
-    """What a design of experiments knows of the bench; the stiffness is guessed 20 % wrong."""
+    """What a design of experiments knows of the bench; the stiffness is guessed 10 % wrong."""
     config, geometry = load_tracker_config(), load_rig().geometry
     floor = config.averaging_floor**2
     share = floor + (1.0 - floor) / max(1.0, averaging_s * load_tracker_truth().rate)
@@ -253,7 +265,7 @@ def bench_setup(averaging_s=0.2, cubic=False):
         - config.base_position
     ) @ turned
     noise = [turned @ predicted_covariance(p, config.noise, share) @ turned.T for p in points]
-    guess = np.array(bench_truth().stiffness) * [1.2, 0.8, 1.2, 0.8, 1.2, 0.8]
+    guess = GUESS[:6] * np.array(bench_truth().stiffness)
     return Setup(bench_robot(), guess, config.reflector_points, np.array(noise), cubic)
 
 
