@@ -16,7 +16,8 @@ from cabols_control.registration import register_frame
 from cabols_control.rig import load_rig
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.card_config import CardConfig
-from cabols_hw.tracker.beam import beam_axes
+from cabols_hw.safety_config import SafetyConfig
+from cabols_hw.tracker.beam import beam_axes, predicted_covariance
 from cabols_hw.tracker.config import load_tracker_config
 from cabols_sim.plant_config import PlantConfig
 from cabols_sim.robot.kinematics import Arm
@@ -24,13 +25,24 @@ from cabols_sim.robot.robot_config import RobotConfig
 from cabols_sim.tracker.config import load_tracker_truth
 from cabols_sim.tracker.drift import Drift, displaced
 from cabols_stiffness import PointSamples, load_robot
+from cabols_stiffness.design import Setup, optimal_tensions
 from cabols_stiffness.screws import turn
+from cabols_stiffness.second_pass import loaded_posture, without_tool_weight
 
 REPEATABILITY = 0.02
 """Of the tensions from pass to pass: cable friction lets the wrench differ a little."""
+GUESS = np.array([1.1, 0.9, 1.1, 0.9, 1.1, 0.9] * 2)
+"""Of the stiffness, before a campaign or after a first, coarse identification."""
+REPEATED = np.diag([4e-5] * 3 + [9e-5] * 3) ** 2
+"""Weights of the robot's poses in the registration: its repeatability."""
 RAMP_STEPS, SETTLING_STEPS = 8, 6
 REPETITION_S = 2.0
 """From one load to the next: ramp, settling, measuring."""
+
+WRENCH_LIMIT = 0.95 * np.array(
+    load_config(SafetyConfig, packaged("cabols_hw", "bench_safety.yaml")).wrench_max
+)
+TENSION = (load_rig().holding_tension, 140.0)
 
 
 def bench_robot():
@@ -58,11 +70,10 @@ class Plan:
     tension: np.ndarray
 
 
-def ramps(robot, configurations, peaks, levels=(1 / 3, 2 / 3, 1.0)):
+def ramps(configurations, peaks, levels=(1 / 3, 2 / 3, 1.0)):
     """Plan of ramps from the holding tension to each peak and back, a reference after each.
 
     Args:
-        robot: for nothing but its joints.
         configurations: (c, 6) joints [rad].
         peaks: c arrays (d, cables) of tensions [N].
         levels: shares of the way to a peak at which to measure.
@@ -90,6 +101,7 @@ class Bench:
         """Load the simulated robot, truth, a RobotConfig (None: the bench's), as planned."""
         self.robot, self.averaging_s = robot, averaging_s
         self.truth = truth or bench_truth()
+        self.parameters = np.array([*self.truth.stiffness, *self.truth.cubic])
         self.tracker = load_tracker_truth()
         self.nominal = load_tracker_config()
         self.card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
@@ -175,7 +187,7 @@ class Bench:
         wrench = wrench + tare
         rotation, offsets = self._registered(measured, covariance) if register else self._true()
         plan = self.plan
-        return PointSamples(
+        samples = PointSamples(
             configuration=plan.configuration,
             load=plan.load,
             branch=plan.branch,
@@ -188,6 +200,9 @@ class Bench:
             offset=offsets[self.reflector],
             position=measured @ rotation.T,
             position_covariance=rotation @ covariance @ rotation.T,
+        )
+        return without_tool_weight(
+            samples, self.robot, GUESS * self.parameters, self.sensors.tool_weight
         )
 
     def _true(self):
@@ -204,23 +219,25 @@ class Bench:
             points.append([measured[i].mean(axis=0) for i in each])
             weights.append([covariance[i].mean(axis=0) / i.size for i in each])
             where.append(each[0][0])
+        posture = loaded_posture(
+            self.robot, plan.joints[where], self.sensed[where], GUESS * self.parameters
+        )
         frame = register_frame(
-            self.posture.position[where],
-            self.posture.rotation[where],
+            posture.position,
+            posture.rotation,
             self.nominal.reflector_points,
             points,
             weights,
-            pose_covariance=np.diag([12e-6] * 3 + [30e-6] * 3) ** 2,
+            pose_covariance=REPEATED,
             solve_reflectors=True,
         )
         return frame.rotation, frame.reflectors
 
 
-def random_peaks(robot, configurations, count, seed, limit=None):
+def random_peaks(robot, configurations, count, seed):
     """Arbitrary tensions that the wrench limits allow: uniform between 6 and 140 N, scaled down."""
     random = np.random.default_rng(seed)
     rig = load_rig()
-    limit = np.array([155.0, 155.0, 465.0, 14.0, 14.0, 14.0]) if limit is None else limit
     peaks = []
     for joints in configurations:
         position, rotation = robot.forward(joints)
@@ -230,10 +247,39 @@ def random_peaks(robot, configurations, count, seed, limit=None):
         for _ in range(count):
             wanted = random.uniform(rig.holding_tension, 140.0, rig.geometry.cables)
             load = turn(rotation.T, matrix @ wanted)
-            share = min(1.0, 0.95 / np.abs(load / limit).max())
+            share = min(1.0, 1.0 / np.abs(load / WRENCH_LIMIT).max())
             rows.append(holding + share * (wanted - holding))
         peaks.append(np.array(rows))
     return peaks
+
+
+def bench_setup(averaging_s=0.2, cubic=False):
+    """What a design of experiments knows of the bench; the stiffness is guessed 10 % wrong."""
+    config, geometry = load_tracker_config(), load_rig().geometry
+    floor = config.averaging_floor**2
+    share = floor + (1.0 - floor) / max(1.0, averaging_s * load_tracker_truth().rate)
+    turned = config.base_rotation
+    points = (
+        geometry.reference_position
+        + config.reflector_points @ geometry.reference_rotation.T
+        - config.base_position
+    ) @ turned
+    noise = [turned @ predicted_covariance(p, config.noise, share) @ turned.T for p in points]
+    guess = GUESS[:6] * np.array(bench_truth().stiffness)
+    return Setup(bench_robot(), guess, config.reflector_points, np.array(noise), cubic)
+
+
+def optimal_peaks(configurations, peaks, criterion="D"):
+    """Optimal tensions for configurations, and the design."""
+    return optimal_tensions(
+        bench_setup(),
+        load_rig().geometry,
+        configurations,
+        peaks,
+        tension=TENSION,
+        wrench_limit=WRENCH_LIMIT,
+        criterion=criterion,
+    )
 
 
 def bench_configurations():

@@ -51,7 +51,8 @@ def compliance_table(
         CabolsError: if the robot cannot balance the load.
     """
     at = finite_array("joints", joints, (JOINTS,))
-    forces = rated_load * np.arange(1, round(1.0 / SHARE) + 1) * SHARE
+    steps = np.arange(1, round(1.0 / SHARE) + 1, dtype=np.float64)
+    forces = np.asarray(rated_load * SHARE * steps, dtype=np.float64)
     rows = []
     for axis, sense in [(axis, sense) for axis in range(3) for sense in (1.0, -1.0)]:
         found = []

@@ -9,6 +9,8 @@ joint, and is tested and estimated like any other parameter.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
@@ -30,28 +32,30 @@ SIGNIFICANT = 5.0
 """Standard deviations by which a friction torque must differ from zero to be taken for real."""
 
 
-def stays(samples: PointSamples | Samples) -> list[IntArray]:
-    """Indices of the samples of each configuration, in the order of time (poses: as given)."""
+def stays(samples: PointSamples | Samples, kept: bool) -> list[IntArray]:
+    """Indices of the samples of each stay at a configuration, in order; see slides."""
+    order = np.arange(len(samples))
     if isinstance(samples, PointSamples):
-        order = np.lexsort((samples.time, samples.configuration))
-    else:
-        order = np.argsort(samples.configuration, kind="stable")
-    starts = np.flatnonzero(np.diff(samples.configuration[order])) + 1
-    return list(np.split(order, starts)) if order.size else []
+        order = np.argsort(samples.time, kind="stable")
+    if kept or order.size == 0:
+        return [order]
+    order = order[np.argsort(samples.configuration[order], kind="stable")]
+    return list(np.split(order, np.flatnonzero(np.diff(samples.configuration[order])) + 1))
 
 
 def slides(
-    samples: PointSamples | Samples, deflection: FloatArray, reach: FloatArray
+    samples: PointSamples | Samples, deflection: FloatArray, reach: FloatArray, kept: bool
 ) -> FloatArray:
     """Share of the friction that is drawn in each sample.
 
-    Sliders are taken to be relaxed when the robot comes to a configuration: its own motion has
-    drawn them this way or that. From pass to pass at a configuration they keep where they are.
+    From pass to pass at a configuration the sliders keep where they are.
 
     Args:
-        samples: whose order counts.
+        samples: whose order counts: points by time, poses as given.
         deflection: (k, ..., 6) of the joints; leading dimensions of `reach` broadcast [rad].
         reach: (..., 6) motion after which all sliders of a joint have given [rad].
+        kept: whether they keep where they are when the robot moves to another configuration, too;
+            else its motion has relaxed them.
 
     Returns:
         (k, ..., 6) from -1 to 1.
@@ -59,7 +63,7 @@ def slides(
     shape = np.broadcast_shapes(deflection.shape[1:], reach.shape)
     share = np.empty((len(samples), *shape))
     steps = reach[..., None] * np.arange(1, SLIDERS + 1) / SLIDERS
-    for members in stays(samples):
+    for members in stays(samples, kept):
         drawn = np.zeros((*shape, SLIDERS))
         before = np.zeros(shape)
         for index in members:
@@ -92,34 +96,55 @@ def detect(
     Returns:
         (6,) reach of each joint [rad], and the model with the joints that rub.
     """
-    line, samples = found.line, observations.samples
-    share = slides(samples, found.deflection[:, None, :], reaches)
+    best = max((_scored(observations, found, model, reaches, kept) for kept in (False, True)),
+               key=lambda each: each.gain)  # fmt: skip
+    rubs = _significant(best.columns, best.target, found.freedom)
+    slides_found = best.slides if rubs.any() else None
+    return best.reach, Model(model.cubic, model.published, slides_found, rubs)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scored:
+    """Best reach (6,), what all explain, their columns (n, 6), target (n,), slides (k, 6)."""
+
+    reach: FloatArray
+    gain: float
+    columns: FloatArray
+    target: FloatArray
+    slides: FloatArray
+
+
+def _scored(
+    observations: Observations, found: Fitted, model: Model, reaches: FloatArray, kept: bool
+) -> _Scored:
+    line, samples, weights = found.line, observations.samples, found.use.astype(np.float64)
+    share = slides(samples, found.deflection[:, None, :], reaches, kept)
     softened = -line.motion @ line.balance.softness
     candidates = softened[:, :, None, :] * share[:, None, :, :]
     base = found.columns[:, :, found.elastic]
-    columns = np.concatenate([base, candidates.reshape(*base.shape[:2], -1)], axis=2)
-    rows = whiten(line, columns, samples, found.use.astype(np.float64))
-    count = base.shape[2]
-    matrix = rows.columns[found.use].reshape(-1, columns.shape[2])
     # The residual without any friction: what the friction of this fit explains is put back.
-    target = rows.residual[found.use].ravel()
+    drawn = np.zeros((*base.shape[:2], 1))
     if model.slides is not None:
-        drawn = softened * (model.slides * found.parameters.friction)[:, None, :]
-        back = whiten(line, drawn.sum(axis=2)[..., None], samples, found.use.astype(np.float64))
-        target = target + back.columns[found.use].ravel()
+        drawn = (softened * (model.slides * found.parameters.friction)[:, None, :]).sum(axis=2)
+        drawn = drawn[..., None]
+    columns = np.concatenate([base, drawn, candidates.reshape(*base.shape[:2], -1)], axis=2)
+    rows = whiten(line, columns, samples, weights)
+    matrix = rows.columns[found.use].reshape(-1, columns.shape[2])
+    count = base.shape[2]
+    target = rows.residual[found.use].ravel() + matrix[:, count]
     basis, _ = np.linalg.qr(matrix[:, :count])
-    rest = matrix[:, count:] - basis @ (basis.T @ matrix[:, count:])
+    rest = matrix[:, count + 1 :]
+    rest = rest - basis @ (basis.T @ rest)
     target = target - basis @ (basis.T @ target)
     length = np.linalg.norm(rest, axis=0)
     usable = length > 1e-9 * max(float(length.max(initial=0.0)), 1e-300)
     score = np.where(usable, (rest.T @ target) / np.where(usable, length, 1.0), 0.0)
-    best = np.argmax(score.reshape(len(reaches), JOINTS), axis=0)
-    columns_of = best * JOINTS + np.arange(JOINTS)
-    rubs = _significant(rest[:, columns_of], target, found.freedom)
-    reach = reaches[best, np.arange(JOINTS)]
-    if not rubs.any():
-        return reach, Model(model.cubic, model.published, None, rubs)
-    return reach, Model(model.cubic, model.published, share[:, best, np.arange(JOINTS)], rubs)
+    score = score.reshape(len(reaches), JOINTS)
+    best, joint = np.argmax(score, axis=0), np.arange(JOINTS)
+    chosen = rest[:, best * JOINTS + joint]
+    explained, *_ = np.linalg.lstsq(chosen, target, rcond=1e-9)
+    gain = float(np.sum((chosen @ explained) ** 2))
+    return _Scored(reaches[best, joint], gain, chosen, target, share[:, best, joint])
 
 
 def _significant(columns: FloatArray, target: FloatArray, freedom: int) -> BoolArray:
