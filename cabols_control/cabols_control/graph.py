@@ -64,7 +64,7 @@ CONTROLLERS = (
     NodeSpec(
         "cabols_control",
         "wrench_controller",
-        ("wrench", "desired_wrench", "platform_pose", "mode"),
+        ("wrench", "desired_wrench", "desired_tension", "platform_pose", "mode"),
         ("tension_command", "loop_status"),
     ),
 )
@@ -80,11 +80,15 @@ RECORDER = NodeSpec(
         "motor_current",
         "tension_command",
         "desired_wrench",
+        "desired_tension",
         "platform_pose",
         "mode",
         "loop_status",
         "joint_states",
         "reflector_measurement",
+        "stiffness_load",
+        "stiffness_estimate",
+        "campaign_status",
     ),
     ("loop_status",),
 )
@@ -110,6 +114,20 @@ ROBOT = NodeSpec(
     ("platform_pose", "joint_states", "reflector_measurement", "loop_status"),
 )
 DEVICES = NodeSpec("cabols_sim", "device_simulator", (), ())
+CAMPAIGN = (
+    NodeSpec(
+        "cabols_stiffness",
+        "stiffness_identifier",
+        ("stiffness_load", "campaign_status"),
+        ("stiffness_estimate", "loop_status"),
+    ),
+    NodeSpec(
+        "cabols_stiffness",
+        "stiffness_campaign",
+        ("mode", "limb_state", "wrench", "joint_states", "platform_pose", "stiffness_estimate"),
+        ("desired_tension", "stiffness_load", "campaign_status", "loop_status"),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -160,7 +178,8 @@ _BRIDGES = ("plant", "q8_ati_bridge")
 _LOOPS = (*_BRIDGES, "limb_controller", "wrench_controller")
 _ROBOT = ("abb_tracker_bridge",)
 _DEVICES = "device_simulator"
-_BESIDE = ("supervisor", "load_program", "recorder", *_ROBOT)
+_CAMPAIGN = tuple(node.executable for node in CAMPAIGN)
+_BESIDE = ("supervisor", "load_program", "recorder", *_ROBOT, *_CAMPAIGN)
 _ALL = (*_LOOPS, *_BESIDE)
 _RIG = (*_ALL, "console")
 """Nodes that read the rig's files; the console never gets a real-time priority."""
@@ -214,7 +233,7 @@ ARGUMENTS = (
         "core for the other nodes; -1: any",
         (
             *("limb_controller", "wrench_controller", "supervisor", "load_program"),
-            *("recorder", "console"),
+            *("recorder", "console", *_CAMPAIGN),
         ),
         parameter="cpu",
     ),
@@ -247,6 +266,7 @@ ARGUMENTS = (
         "s that a console in command may be silent, under way, until the supervisor unloads",
         ("supervisor",),
     ),
+    Argument("campaign", False, "with the nodes of stiffness campaigns", ()),
     Argument("auto_start", False, "pre-tighten and load without being asked", ("supervisor",)),
     Argument("plant_file", "", "YAML of the simulated rig; empty: bench", ("plant",), ("bench",)),
     Argument("linear", False, "simulate the linear plant", ("plant",), ("bench",)),
@@ -278,16 +298,25 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
     return found
 
 
-def rig_graph(record: bool = True, console: bool = False) -> list[NodeSpec]:
-    """Nodes of a rig with hardware, in starting order: readers first, the clock last."""
+def rig_graph(
+    record: bool = True, campaign: bool = False, console: bool = False
+) -> list[NodeSpec]:
+    """Nodes of a rig with hardware, in starting order: readers first, the clock last.
+
+    Args:
+        record: with the recorder.
+        campaign: with the nodes of stiffness campaigns.
+        console: with the operator's page.
+    """
     first = [*([CONSOLE] if console else []), *([RECORDER] if record else [])]
-    nodes = [*first, *CONTROLLERS, LOAD_PROGRAM, ROBOT, BRIDGE]
+    extra = CAMPAIGN if campaign else ()
+    nodes = [*first, *CONTROLLERS, LOAD_PROGRAM, *extra, ROBOT, BRIDGE]
     return [_with_robot(node) for node in nodes]
 
 
 def _with_robot(node: NodeSpec) -> NodeSpec:
     """Tell those that behave differently with a robot that there is one."""
-    concerned = node.executable in ("supervisor", "wrench_controller")
+    concerned = node.executable in ("supervisor", "limb_controller", "wrench_controller")
     return node.with_parameters(robot=True) if concerned else node
 
 
@@ -296,13 +325,15 @@ def bench_graph(
     record: bool = True,
     robot: bool = True,
     ports: Ports | None = None,
+    campaign: bool = False,
     console: bool = False,
 ) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
     They are the rig's, but for the plant in the bridge's place, and the simulated devices. In
     lockstep every node waits until its topics have all the readers that this table gives them, so
-    that nothing is lost at the start.
+    that nothing is lost at the start. With a robot, which has its own pace, the clock waits for the
+    control path alone: plant, wrench controller, limb controller.
 
     Args:
         lockstep: deterministic clock.
@@ -310,16 +341,19 @@ def bench_graph(
         robot: with robot and tracker; False for a target that never moves, whose pose the plant
             publishes itself.
         ports: of the devices.
+        campaign: with the nodes of stiffness campaigns; they need the robot.
         console: with the operator's page; not in lockstep, which no person leads.
     """
     first = [CONSOLE] if console and not lockstep else []
     first += [RECORDER] if record else []
-    nodes = [*first, *CONTROLLERS, LOAD_PROGRAM]
+    nodes = [*first, *CONTROLLERS, LOAD_PROGRAM, *(CAMPAIGN if campaign else ())]
     nodes += _devices(ports or Ports()) if robot else [PLANT]
     if robot:
         nodes = [_with_robot(node) for node in nodes]
     if not lockstep:
         return nodes
+    if robot:
+        nodes = [_beside_clock(node) for node in nodes]
     readers = Counter(topic for node in nodes for topic in node.reads)
     return [
         node
@@ -330,6 +364,16 @@ def bench_graph(
         )
         for node in nodes
     ]
+
+
+def _beside_clock(node: NodeSpec) -> NodeSpec:
+    """Tell those that are not in the control path that a lockstep clock does not wait for them."""
+    if node.executable == LOAD_PROGRAM.executable:
+        # It then publishes at its own rate instead of answering every wrench.
+        node = replace(node, reads=("mode",))
+    elif node.executable != "supervisor":
+        return node
+    return node.with_parameters(beside_clock=True)
 
 
 def _devices(ports: Ports) -> list[NodeSpec]:

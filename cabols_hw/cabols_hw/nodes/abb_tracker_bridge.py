@@ -15,9 +15,11 @@ from cabols_msgs.action import MeasureReflector, MoveToConfiguration
 from cabols_msgs.msg import ReflectorMeasurement
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.serialization import serialize_message
 
 from cabols_control.errors import ConfigError
 from cabols_control.modes import OperatingMode
+from cabols_control.ros.loop import Output
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
@@ -33,7 +35,7 @@ from cabols_hw.tracker.config import load_tracker_config
 
 MAY_MOVE = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
 PASSWORD_VARIABLE = "CABOLS_ROBOT_PASSWORD"
-FEEDBACK_S = 0.1
+FEEDBACK_S = 0.05
 END_S = 0.8
 
 
@@ -61,8 +63,9 @@ class AbbTrackerBridge(ControlNode):
         self._tracker_config = replace(tracker, time_stretch=tracker.time_stretch / speed)
         self._tracker_frame = declare(self, "tracker_frame", "tracker", "frame of measurements")
         self._tracker: Any = None
-        self._measured = self.create_publisher(
-            ReflectorMeasurement, "reflector_measurement", status_qos()
+        self._measured = self.advertise(
+            "reflector_measurement",
+            Output(self, "reflector_measurement", ReflectorMeasurement, status_qos()),
         )
         self._ending = False
         self._motion: Worker | None = None
@@ -264,7 +267,7 @@ class AbbTrackerBridge(ControlNode):
         message = self._measurement_message(request, worker)
         if worker.failure is None and not message.success:
             worker.failure = RobotError(f"tracker: {message.reason}")
-        self._measured.publish(message)
+        self._measured.publish(serialize_message(message))
         self._finish(handle, worker)
         return MeasureReflector.Result(
             success=bool(message.success), message=message.reason or "done", measurement=message
