@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import socket
+from pathlib import Path
 from typing import Any
 
+import yaml
 from cabols_msgs.msg import Mode
+
+from cabols_control.configuration import packaged
 
 TALL = {"width": 1280, "height": 720}
 SLOW = 0.1
@@ -35,6 +39,15 @@ def console_values(folder: Any, port: int, **more: Any) -> dict[str, Any]:
         "state_timeout": 5.0,
         **more,
     }
+
+
+def short_campaign(path: Path, configurations: list[int], paths: int) -> None:
+    """Write a small part of the bench's campaign, of few configurations."""
+    whole = yaml.safe_load(packaged("cabols_stiffness", "bench_campaign.yaml").read_text("utf-8"))
+    for key in ("validation_configurations", "validation_paths"):
+        whole.pop(key, None)
+    whole.update(configurations=configurations, paths=whole["paths"][:paths])
+    path.write_text(yaml.safe_dump(whole), encoding="utf-8")
 
 
 class Panel:

@@ -16,7 +16,7 @@ from playwright.sync_api import expect
 from browser import chromium
 from cabols_control.bags.reader import read_bag
 from cabols_control.console.uploads import UPLOAD_BYTES
-from console_harness import Panel, console_values, free_port
+from console_harness import Panel, console_values, free_port, short_campaign
 from graph_harness import run_scenario
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(240)]
@@ -255,3 +255,56 @@ def test_nobody_at_the_rig(tmp_path):
 
 def wait_for_load(watcher):
     watcher.wait(lambda: np.abs(watcher.seen["tension_command"][-1].desired).max() > 5.0, "a load")
+
+
+def test_short_campaign_and_its_report(tmp_path):
+    """Start, pause, resume, end, report: by the page, in lockstep, seen on the graph."""
+    port = free_port()
+    campaign = tmp_path / "short.yaml"
+    short_campaign(campaign, [0, 9], 1)
+    values = console_values(tmp_path, port, robot=True, campaign=True, lockstep=True)
+    values |= {"speed": 1.0, "stale_after": 10.0, "state_timeout": 10.0, "watchdog": 0.0}
+    watched = ("mode", "stiffness_load", "stiffness_estimate", "campaign_status")
+
+    def scenario(watcher, pids):
+        watcher.wait(lambda: answers(port), "the page")
+        with chromium(tmp_path) as browser:
+            panel = Panel(browser.pages[0], port).open()
+            panel.take_command()
+            panel.page.get_by_role("tab", name="Campaign").click()
+            panel.page.locator("input[data-name=campaign-file]").fill(str(campaign))
+            panel.page.locator("input[data-name=campaign-folder]").fill("../elsewhere")
+            panel.press("campaign-start")
+            panel.page.get_by_text("expected letters, digits").first.wait_for()
+            panel.page.locator("input[data-name=campaign-folder]").fill("short")
+            panel.press("campaign-start")
+            watcher.wait(lambda: len(watcher.seen["stiffness_load"]) >= 1, "a load")
+            panel.press("campaign-pause")
+            watcher.wait(lambda: watcher.seen["campaign_status"][-1].phase == "paused", "paused")
+            panel.press("campaign-resume")
+            panel.page.get_by_role("table", name="Joint stiffness").wait_for()
+            picture(panel, "campaign")
+            watcher.wait(
+                lambda: (
+                    not watcher.seen["campaign_status"][-1].active
+                    and watcher.modes()[-1] == Mode.STOPPED
+                ),
+                "the campaign's end",
+            )
+            status = watcher.seen["campaign_status"][-1]
+            assert status.done == status.total > 0
+            panel.press("campaign-report")
+            link = panel.page.get_by_role("link", name="short")
+            link.wait_for(timeout=60_000)
+            with browser.expect_page() as opened:
+                link.click()
+            opened.value.wait_for_load_state()
+            assert "stiffness" in opened.value.content().lower()
+            PICTURES.mkdir(parents=True, exist_ok=True)
+            opened.value.screenshot(path=PICTURES / "report.png")
+            assert panel.errors == []
+
+    ended, _, watcher = run_scenario(values, scenario, watched)
+    assert set(ended.codes.values()) == {0}
+    assert (tmp_path / "campaigns" / "short" / "report.html").is_file()
+    assert watcher.seen["stiffness_estimate"][-1].loads > 0

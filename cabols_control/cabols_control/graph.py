@@ -298,9 +298,7 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
     return found
 
 
-def rig_graph(
-    record: bool = True, campaign: bool = False, console: bool = False
-) -> list[NodeSpec]:
+def rig_graph(record: bool = True, campaign: bool = False, console: bool = False) -> list[NodeSpec]:
     """Nodes of a rig with hardware, in starting order: readers first, the clock last.
 
     Args:
@@ -342,9 +340,10 @@ def bench_graph(
             publishes itself.
         ports: of the devices.
         campaign: with the nodes of stiffness campaigns; they need the robot.
-        console: with the operator's page; not in lockstep, which no person leads.
+        console: with the operator's page; in lockstep only with a robot, as otherwise the clock
+            waits for the supervisor, which then has no time to miss an operator.
     """
-    first = [CONSOLE] if console and not lockstep else []
+    first = [CONSOLE] if console and (robot or not lockstep) else []
     first += [RECORDER] if record else []
     nodes = [*first, *CONTROLLERS, LOAD_PROGRAM, *(CAMPAIGN if campaign else ())]
     nodes += _devices(ports or Ports()) if robot else [PLANT]

@@ -17,6 +17,7 @@ def main() -> int:
     values = {
         "robot": not arguments.rigid,
         "console": True,
+        "campaign": not arguments.rigid,
         "console_port": arguments.port,
         "console_host": arguments.host,
         "token_file": arguments.token_file,

@@ -47,7 +47,7 @@ class CampaignPanel:
             self._start = button("Start", self._do_start, "campaign-start", "cyan-9")
             self._pause = button("Pause", lambda: own.call("pause"), "campaign-pause")
             self._resume = button("Resume", lambda: own.call("resume"), "campaign-resume")
-            self._abort = button("Abort", lambda: own.cancel(ACTION), "campaign-abort")
+            self._abort = button("Abort", lambda: own.call("abort"), "campaign-abort")
         self._progress = ui.linear_progress(0.0, show_value=False).props("aria-label='Progress'")
         self._text = (
             ui.html("", sanitize=True)
@@ -55,7 +55,9 @@ class CampaignPanel:
             .props("role=status data-name=campaign-text")
         )
         self._estimate = ui.html("", sanitize=False).classes("w-full")
-        ui.html("<h2 style='margin-top:8px'>Finished reports</h2>", sanitize=False)
+        with ui.row().classes("w-full items-center rowed").style("margin-top:8px"):
+            ui.html("<h2 style='margin:0'>Finished reports</h2>", sanitize=False)
+            self._report = button("Write report", lambda: own.call("report"), "campaign-report")
         self._reports = ui.html("", sanitize=False).classes("reports w-full")
         self._shown = ""
         self._look()
@@ -89,13 +91,19 @@ class CampaignPanel:
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:
         """Follow the state."""
-        doing = activity(state, ACTION)
-        busy = bool(doing.get("busy"))
-        enable(self._start, commanding and not busy and mode_of(state)["name"] == "STOPPED")
-        for made in (self._pause, self._resume, self._abort):
-            enable(made, commanding and busy)
-        self._progress.value = doing.get("progress", 0.0)
-        self._text.content = doing.get("text", "")
+        asked = activity(state, ACTION)
+        campaign = state.get("campaign") or {}
+        active = bool(campaign.get("active"))
+        rests = mode_of(state)["name"] == "STOPPED" and not active and not asked.get("busy")
+        enable(self._start, commanding and rests)
+        enable(self._pause, commanding and active and not campaign["paused"])
+        enable(self._resume, commanding and active and campaign["paused"])
+        enable(self._abort, commanding and active)
+        enable(self._report, commanding and bool(campaign) and not active)
+        self._progress.value = campaign.get("progress", 0.0)
+        ended = "" if active else asked.get("text", "")
+        told = campaign.get("text", "") if active or not ended else ended
+        self._text.content = escape(told)
         estimate = state.get("estimate")
         self._estimate.content = estimate_html(estimate) if estimate else ""
 

@@ -134,4 +134,4 @@ class LoadPanel:
         enable(self._abort, commanding and busy)
         enable(self._upload, commanding)
         self._progress.value = doing.get("progress", 0.0)
-        self._running.content = doing.get("text", "")
+        self._running.content = escape(doing.get("text", ""))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
@@ -138,10 +139,10 @@ class RobotPanel:
         allowed = mode_of(state)["number"] in [int(mode) for mode in ROBOT_MODES]
         enable(self._move, commanding and allowed and not moving.get("busy"))
         enable(self._cancel, commanding and bool(moving.get("busy")))
-        self._moved.content = moving.get("text", "")
+        self._moved.content = escape(moving.get("text", ""))
         measuring = activity(state, "measure_reflector")
         enable(self._measure, commanding and not measuring.get("busy"))
-        self._measured.content = measuring.get("text", "")
+        self._measured.content = escape(measuring.get("text", ""))
 
 
 class LimbPanel:
@@ -189,4 +190,4 @@ class LimbPanel:
         enable(self._start, commanding and mode_of(state)["name"] == "STOPPED" and not busy)
         enable(self._cancel, commanding and busy)
         self._progress.value = doing.get("progress", 0.0)
-        self._text.content = doing.get("text", "")
+        self._text.content = escape(doing.get("text", ""))

@@ -212,6 +212,48 @@ def numbers(values: Any, digits: int) -> list[float | None]:
     return [rounded(value, digits) for value in values]
 
 
+def campaign_view(
+    active: bool,
+    phase: str,
+    loads: tuple[int, int, int],
+    place: tuple[int, int, int],
+    remaining_s: float,
+    note: str,
+) -> dict[str, Any]:
+    """Where a stiffness campaign stands, in words.
+
+    Args:
+        active: it runs, or is paused.
+        phase: as campaign_status tells it.
+        loads: finished, given up, all.
+        place: configuration, reflector and load, from 0.
+        remaining_s: estimated; NaN before the first load [s].
+        note: what was retried or skipped last.
+    """
+    done, skipped, total = loads
+    text = f"{phase}: {done} of {total} loads" if total else phase
+    if skipped:
+        text += f", {skipped} given up"
+    if active:
+        text += f", {duration_text(remaining_s)}; configuration {place[0]}, "
+        text += f"reflector {place[1] + 1}, load {place[2] + 1}"
+    return {
+        "active": active,
+        "paused": phase in ("paused", "pausing"),
+        "text": f"{text}. {note}" if note else text,
+        "progress": done / total if total else 0.0,
+    }
+
+
+def duration_text(seconds: float) -> str:
+    """How long something takes yet."""
+    if not math.isfinite(seconds):
+        return "time left unknown"
+    if seconds < 120.0:
+        return f"{seconds:.0f} s left"
+    return f"{seconds / 60.0:.0f} min left"
+
+
 def estimate_rows(
     stiffness: Any, deviation: Any, identifiable: Any, loads: int, accuracy: float
 ) -> dict[str, Any]:

@@ -51,7 +51,7 @@ class WrenchControllerNode(ControlNode):
         self._answer["limb"][:] = np.arange(geometry.cables)
         self._output = self.advertise(
             "tension_command",
-            LiveOutput(self, "tension_command", layout.msg_type, qos, self.lockstep),
+            LiveOutput(self, "tension_command", layout.msg_type, qos),
         )
         self._measured = np.zeros(6)
         self._desired: DesiredWrench | None = None

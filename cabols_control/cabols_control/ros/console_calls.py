@@ -33,6 +33,8 @@ SERVICES: dict[str, tuple[Any, str]] = {
     "check_program": (CheckProgram, "check_program"),
     "pause": (Trigger, "pause_stiffness_test"),
     "resume": (Trigger, "resume_stiffness_test"),
+    "abort": (Trigger, "abort_stiffness_test"),
+    "report": (Trigger, "report_stiffness_test"),
 }
 ACTIONS: dict[str, Any] = {
     "run_program": RunProgram,
@@ -180,16 +182,8 @@ def _program_feedback(f: Any) -> tuple[float, str]:
 
 
 def _campaign_feedback(f: Any) -> tuple[float, str]:
-    left = (
-        f"{f.remaining / 60.0:.0f} min left" if math.isfinite(f.remaining) else "time left unknown"
-    )
-    if math.isfinite(f.remaining) and f.remaining < 120.0:
-        left = f"{f.remaining:.0f} s left"
-    where = f"configuration {f.configuration}, reflector {f.reflector + 1}, load {f.load}"
-    note = f"; {f.note}" if f.note else ""
-    return f.done / max(
-        f.total, 1
-    ), f"{f.phase}: {f.done} of {f.total} loads, {left}; {where}{note}"
+    """The rest is on campaign_status, for every page and every console."""
+    return f.done / max(f.total, 1), str(f.phase)
 
 
 _RESULTS: dict[str, Callable[[Any], str]] = {

@@ -6,7 +6,13 @@ import time
 from typing import Any
 
 import numpy as np
-from cabols_msgs.msg import LoopStatus, Mode, ReflectorMeasurement, StiffnessEstimate
+from cabols_msgs.msg import (
+    CampaignStatus,
+    LoopStatus,
+    Mode,
+    ReflectorMeasurement,
+    StiffnessEstimate,
+)
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
@@ -18,6 +24,7 @@ from cabols_control.console.mailbox import FAULT, INFO, NOTICE, WARNING, Mailbox
 from cabols_control.console.view_models import (
     LoopReport,
     Measured,
+    campaign_view,
     device_rows,
     estimate_rows,
     first_report,
@@ -82,7 +89,9 @@ class Feed:
         self._status = Typed(node, LoopStatus, "loop_status", status_qos())
         self._diagnostics = Typed(node, DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
         self._measured = Typed(node, ReflectorMeasurement, "reflector_measurement", status_qos())
-        self._estimates = Typed(node, StiffnessEstimate, "stiffness_estimate", status_qos())
+        latched = latched_qos(False)
+        self._estimates = Typed(node, StiffnessEstimate, "stiffness_estimate", latched)
+        self._campaigns = Typed(node, CampaignStatus, "campaign_status", latched)
         self._recordings = Typed(node, String, "recording", latched_qos(False))
         spoken = QoSProfile(depth=200, durability=DurabilityPolicy.VOLATILE)
         self._spoken = Typed(node, Log, "/rosout", spoken)
@@ -233,6 +242,8 @@ class Feed:
                     float(message.accuracy),
                 )
             )
+        for message in self._campaigns.take():
+            self._mailbox.put_state(campaign=_campaign(message))
         for message in self._recordings.take():
             self._mailbox.put_state(recording=message.data)
         for message in self._spoken.take():
@@ -249,6 +260,17 @@ class Feed:
             loops=loop_rows(self._reports, now_s),
             devices=device_rows(self._reports, self._beam, now_s),
         )
+
+
+def _campaign(message: CampaignStatus) -> dict[str, Any]:
+    return campaign_view(
+        bool(message.active),
+        str(message.phase),
+        (int(message.done), int(message.skipped), int(message.total)),
+        (int(message.configuration), int(message.reflector), int(message.load)),
+        float(message.remaining),
+        str(message.note),
+    )
 
 
 def _bits(flags: np.ndarray) -> int:

@@ -31,14 +31,12 @@ def live_qos() -> QoSProfile:
 
 
 class LiveOutput(Output):
-    """An Output with a slow copy; in lockstep, where the wall clock means nothing, without."""
+    """An Output with a slow copy, by the wall clock: in lockstep, too, somebody may watch."""
 
-    def __init__(
-        self, node: Node, topic: str, msg_type: type, qos: QoSProfile, lockstep: bool
-    ) -> None:
+    def __init__(self, node: Node, topic: str, msg_type: type, qos: QoSProfile) -> None:
         """Advertise both; `topic` is relative to the node's namespace."""
         super().__init__(node, topic, msg_type, qos)
-        self._copy = None if lockstep else Output(node, live_name(topic), msg_type, live_qos())
+        self._copy = Output(node, live_name(topic), msg_type, live_qos())
         self._due_ns = 0
         self._newest = b""
 
@@ -50,6 +48,6 @@ class LiveOutput(Output):
     def copy(self) -> None:
         """Send the newest bytes again if it is time; call it when all that is urgent is sent."""
         now_ns = time.monotonic_ns()
-        if now_ns >= self._due_ns and self._copy is not None:
+        if now_ns >= self._due_ns:
             self._due_ns = now_ns + PERIOD_NS
             self._copy.publish(self._newest)

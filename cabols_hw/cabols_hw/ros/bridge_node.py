@@ -130,7 +130,7 @@ class BridgeNode(ControlNode):
     def _output(self, topic: str) -> LiveOutput:
         qos = control_qos(self.lockstep)
         kind = topics.TYPES[topic]
-        output = LiveOutput(self, topic, kind, qos, self.lockstep)
+        output = LiveOutput(self, topic, kind, qos)
         self.advertise(topic, output)
         return output
 

@@ -110,10 +110,10 @@ class RobotStream(GuardedThread):
         qos = control_qos(node.lockstep)
         pose_type = topics.TYPES["platform_pose"]
         self._pose_output = node.advertise(
-            "platform_pose", LiveOutput(node, "platform_pose", pose_type, qos, node.lockstep)
+            "platform_pose", LiveOutput(node, "platform_pose", pose_type, qos)
         )
         self._joint_output = node.advertise(
-            "joint_states", LiveOutput(node, "joint_states", JointState, qos, node.lockstep)
+            "joint_states", LiveOutput(node, "joint_states", JointState, qos)
         )
         layout = topics.mode_layout("")
         self._mode_input = Input(node, "mode", layout, latched_qos(node.lockstep))

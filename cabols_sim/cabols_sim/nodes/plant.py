@@ -112,7 +112,7 @@ class PlantNode(BridgeNode):
             qos, pose_type = control_qos(self.lockstep), topics.TYPES["platform_pose"]
             self._pose_output = self.advertise(
                 "platform_pose",
-                LiveOutput(self, "platform_pose", pose_type, qos, self.lockstep),
+                LiveOutput(self, "platform_pose", pose_type, qos),
             )
 
         self._truth = None
