@@ -30,9 +30,9 @@ class CampaignPanel:
         self._file = (
             ui.input("campaign.yaml on the rig's computer; empty: default")
             .props("dense outlined data-name=campaign-file")
-            .classes("w-full")
+            .classes("full-width")
         )
-        with ui.row().classes("no-wrap w-full"):
+        with ui.row().classes("no-wrap full-width"):
             self._folder = (
                 ui.input("Folder", value=f"campaign_{datetime.now():%Y-%m-%d}")  # noqa: DTZ005
                 .props("dense outlined data-name=campaign-folder")
@@ -43,7 +43,7 @@ class CampaignPanel:
                 .props("dense outlined")
                 .style("width:92px")
             )
-        with ui.row().classes("w-full rowed"):
+        with ui.row().classes("full-width rowed"):
             self._start = button("Start", self._do_start, "campaign-start", "cyan-9")
             self._pause = button("Pause", lambda: own.call("pause"), "campaign-pause")
             self._resume = button("Resume", lambda: own.call("resume"), "campaign-resume")
@@ -54,11 +54,11 @@ class CampaignPanel:
             .classes("verdict")
             .props("role=status data-name=campaign-text")
         )
-        self._estimate = ui.html("", sanitize=False).classes("w-full")
-        with ui.row().classes("w-full items-center rowed").style("margin-top:8px"):
+        self._estimate = ui.html("", sanitize=False).classes("full-width")
+        with ui.row().classes("full-width items-center rowed").style("margin-top:8px"):
             ui.html("<h2 style='margin:0'>Finished reports</h2>", sanitize=False)
             self._report = button("Write report", lambda: own.call("report"), "campaign-report")
-        self._reports = ui.html("", sanitize=False).classes("reports w-full")
+        self._reports = ui.html("", sanitize=False).classes("reports full-width")
         self._shown = ""
         self._look()
         ui.timer(LOOK_S, self._look)

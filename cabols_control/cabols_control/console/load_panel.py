@@ -26,7 +26,7 @@ class LoadPanel:
         self._own = own
         self._feasible = False
         choices = program_choices(own.desk.settings.uploads)
-        with ui.row().classes("items-center no-wrap w-full"):
+        with ui.row().classes("items-center no-wrap full-width"):
             self._program = (
                 ui.select(choices, value="ramps", label="Load programme", on_change=self._changed)
                 .props("dense outlined options-dense data-name=program")
@@ -37,11 +37,11 @@ class LoadPanel:
                 .props("dense outlined data-name=scale")
                 .style("width:74px")
             )
-        self._picture = ui.html("", sanitize=False).classes("preview w-full")
+        self._picture = ui.html("", sanitize=False).classes("preview full-width")
         self._verdict = (
             ui.html("", sanitize=True).classes("verdict").props("role=status data-name=verdict")
         )
-        with ui.row().classes("w-full rowed"):
+        with ui.row().classes("full-width rowed"):
             self._check = button("Check", self._do_check, "check")
             self._run = button("Run", self._do_run, "run", "cyan-9")
             self._abort = button("Abort", lambda: own.cancel("run_program"), "abort")

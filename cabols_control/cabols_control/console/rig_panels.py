@@ -29,6 +29,16 @@ def button(text: str, on_click: Any, name: str, colour: str = "blue-grey-8") -> 
     return made
 
 
+def chooser(
+    options: dict[int, str], label: str, text: str, on_click: Any, name: str
+) -> tuple[ui.select, ui.button]:
+    """A choice, and beside it the button that acts on it."""
+    with ui.row().classes("items-center no-wrap full-width rowed").style("margin-top:6px"):
+        choice = ui.select(options, value=0, label=label).style("flex:1")
+        choice.props("dense outlined options-dense")
+        return choice, button(text, on_click, name, "cyan-9")
+
+
 def enable(element: Any, on: bool) -> None:
     """Enable or disable, without a message if nothing changes."""
     if element.enabled != on:
@@ -96,32 +106,18 @@ class RobotPanel:
         self._own = own
         count = own.desk.settings.configurations
         reflectors = len(own.desk.settings.scene["reflectors"])
-        with ui.row().classes("items-center no-wrap w-full rowed"):
-            self._index = (
-                ui.select(
-                    {i: f"Configuration {i}" for i in range(count)},
-                    value=0,
-                    label="Stored configuration",
-                )
-                .props("dense outlined options-dense")
-                .style("flex:1")
-            )
-            self._move = button("Move", self._do_move, "move", "cyan-9")
+        places = {i: f"Configuration {i}" for i in range(count)}
+        self._index, self._move = chooser(
+            places, "Stored configuration", "Move", self._do_move, "move"
+        )
         self._cancel = button(
             "Stop the robot", lambda: own.cancel("move_to_configuration"), "move-cancel"
         )
         self._moved = ui.html("", sanitize=True).classes("verdict")
-        with ui.row().classes("items-center no-wrap w-full rowed").style("margin-top:8px"):
-            self._reflector = (
-                ui.select(
-                    {i: f"Reflector {i + 1}" for i in range(reflectors)},
-                    value=0,
-                    label="Laser tracker",
-                )
-                .props("dense outlined options-dense")
-                .style("flex:1")
-            )
-            self._measure = button("Measure", self._do_measure, "measure", "cyan-9")
+        targets = {i: f"Reflector {i + 1}" for i in range(reflectors)}
+        self._reflector, self._measure = chooser(
+            targets, "Laser tracker", "Measure", self._do_measure, "measure"
+        )
         self._measured = ui.html("", sanitize=True).classes("verdict")
         ui.html("The robot moves in Stopped and Free-moving only.", sanitize=True).classes("hint")
 
@@ -155,12 +151,12 @@ class LimbPanel:
         self._limb = (
             ui.select({i: f"Limb {i + 1}" for i in range(cables)}, value=0, label="Limb")
             .props("dense outlined options-dense")
-            .classes("w-full")
+            .classes("full-width")
         )
-        with ui.row().classes("w-full"):
+        with ui.row().classes("full-width"):
             self._step = ui.checkbox("Step: gain, time constant", value=True).props("dense")
             self._ramp = ui.checkbox("Ramp: stiffness", value=True).props("dense")
-        with ui.row().classes("w-full rowed"):
+        with ui.row().classes("full-width rowed"):
             self._start = button("Commission", self._do_start, "commission", "cyan-9")
             self._cancel = button(
                 "Abort", lambda: own.cancel("commission_limb"), "commission-cancel"
