@@ -261,7 +261,7 @@ def test_short_campaign_and_its_report(tmp_path):
     """Start, pause, resume, end, report: by the page, in lockstep, seen on the graph."""
     port = free_port()
     campaign = tmp_path / "short.yaml"
-    short_campaign(campaign, [0, 9], 1)
+    short_campaign(campaign, [0], 1)
     values = console_values(tmp_path, port, robot=True, campaign=True, lockstep=True)
     values |= {"speed": 1.0, "stale_after": 10.0, "state_timeout": 10.0, "watchdog": 0.0}
     watched = ("mode", "stiffness_load", "stiffness_estimate", "campaign_status")
@@ -292,7 +292,8 @@ def test_short_campaign_and_its_report(tmp_path):
                 "the campaign's end",
             )
             status = watcher.seen["campaign_status"][-1]
-            assert status.done == status.total > 0
+            good = [load for load in watcher.seen["stiffness_load"] if load.success]
+            assert len(good) + status.skipped == status.total > 0
             panel.press("campaign-report")
             link = panel.page.get_by_role("link", name="short")
             link.wait_for(timeout=60_000)
