@@ -153,7 +153,7 @@ def test_session_from_start_to_emergency_stop(tmp_path):
             assert panel.foreign == [], "nothing from elsewhere: no CDN"
 
     ended, _, _ = run_scenario(values, scenario, WATCHED)
-    assert set(ended.codes.values()) == {0}
+    assert set(ended.codes.values()) == {0}, ended.codes
     (bag,) = (tmp_path / "bags").iterdir()
     modes = read_bag(bag, ("mode",))["mode"]["mode"].tolist()
     assert [Mode.LOADING in modes, Mode.FAULT in modes] == [True, True]
@@ -306,6 +306,6 @@ def test_short_campaign_and_its_report(tmp_path):
             assert panel.errors == []
 
     ended, _, watcher = run_scenario(values, scenario, watched)
-    assert set(ended.codes.values()) == {0}
+    assert set(ended.codes.values()) == {0}, ended.codes
     assert (tmp_path / "campaigns" / "short" / "report.html").is_file()
     assert watcher.seen["stiffness_estimate"][-1].loads > 0

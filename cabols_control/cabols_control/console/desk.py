@@ -15,8 +15,9 @@ from cabols_control.modes import OperatingMode
 
 ALIVE_S = 2.0
 """A page that has not answered for so long is lost; it answers twice a second."""
-RELOAD_S = 1.0
-"""A page is loaded again when it is opened no earlier than this before the old one fell silent."""
+RELOAD_S = 10.0
+"""A page is loaded again when it is opened no earlier than this before the old one fell silent:
+the old one answers until the new one has come, which takes long on a busy machine."""
 FORGET_S = 120.0
 FREE_FOR_ALL = ("emergency_stop",)
 """What a page may do that is not in command."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import secrets
 import socket
 from importlib.resources import files
@@ -90,7 +91,9 @@ class ConsoleServer:
 
     def stop(self) -> None:
         """Let run() return; from any thread."""
-        self._server.should_exit = True
+        # No page is waited for: the rig's end must not depend on a browser.
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
+        self._server.should_exit = self._server.force_exit = True
         self._wake_all()
 
     def _application(self) -> FastAPI:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 import time
@@ -25,7 +26,7 @@ from cabols_control.ros.ticker import Ticker
 
 PERIOD_S = 0.05
 HEARTBEAT_EVERY = 4
-END_S = 3.0
+END_S = 1.0
 
 
 class ConsoleNode(ControlNode):
@@ -177,8 +178,14 @@ class ConsoleNode(ControlNode):
 
 
 def main() -> int:
-    """Entry point."""
-    return run_node(ConsoleNode)
+    """Entry point; ends the process itself.
+
+    To take the interpreter down object by object costs a web server seconds on a busy machine.
+    """
+    code = run_node(ConsoleNode)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 if __name__ == "__main__":
