@@ -19,7 +19,7 @@ from cabols_control.console.uploads import UPLOAD_BYTES
 from console_harness import Panel, console_values, free_port, short_campaign
 from graph_harness import run_scenario
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(400)]
 
 PICTURES = Path(__file__).resolve().parent.parent / "build" / "console"
 WATCHED = ("mode", "limb_state", "tension_command", "loop_status")
@@ -106,7 +106,7 @@ def test_session_from_start_to_emergency_stop(tmp_path):
     def scenario(watcher, pids):
         with chromium(tmp_path) as browser:
             panel = Panel(browser.pages[0], port)
-            watcher.wait(lambda: answers(port), "the page")
+            watcher.wait(lambda: answers(port), "the page", 150.0)
             panel.open()
             assert not panel.enabled("mode-PRETIGHTENING"), "nobody is in command yet"
             take_command_by_keyboard(panel)
@@ -208,7 +208,7 @@ def test_nobody_at_the_rig(tmp_path):
         return began
 
     def scenario(watcher, pids):
-        watcher.wait(lambda: answers(port), "the page")
+        watcher.wait(lambda: answers(port), "the page", 150.0)
         with chromium(tmp_path) as browser:
             panel = Panel(browser.pages[0], port).open()
             other = Panel(browser.new_page(), port).open()
@@ -267,7 +267,7 @@ def test_short_campaign_and_its_report(tmp_path):
     watched = ("mode", "stiffness_load", "stiffness_estimate", "campaign_status")
 
     def scenario(watcher, pids):
-        watcher.wait(lambda: answers(port), "the page")
+        watcher.wait(lambda: answers(port), "the page", 150.0)
         with chromium(tmp_path) as browser:
             panel = Panel(browser.pages[0], port).open()
             panel.take_command()
