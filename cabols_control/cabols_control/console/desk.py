@@ -56,7 +56,6 @@ class Viewer:
         page: its id.
         session: its browser's id.
         name: shown to others.
-        opened_s: when it was opened, monotonic clock.
         answered_s: when it answered last, monotonic clock; it has until ALIVE_S after opening.
         closed: whether its wire has ended.
         tab: told by the page when it opens its wire; the same when it is loaded again.
@@ -67,7 +66,6 @@ class Viewer:
     page: str
     session: str
     name: str
-    opened_s: float
     answered_s: float
     closed: bool = False
     tab: str = ""
@@ -139,7 +137,7 @@ class Desk:
         for key in [k for k, v in self.viewers.items() if now - v.answered_s > FORGET_S]:
             del self.viewers[key]
         self._opened += 1
-        viewer = Viewer(page, session, f"page {self._opened} ({address})", now, now)
+        viewer = Viewer(page, session, f"page {self._opened} ({address})", now)
         self.viewers[page] = viewer
         return viewer
 
