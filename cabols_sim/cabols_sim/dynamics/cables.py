@@ -20,7 +20,6 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_sim.dynamics.robot import CableRobot, check_lengths
 
-
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 

@@ -5,7 +5,7 @@ From (2.18) with T quadratic in the velocities, d/dt (T + V) = P_tension + P_wre
     P_tension = -sum tau_i l_dot_i,   P_stream = 1/2 sum rho_i l_dot_i^3
 
 P_stream is the power of (2.28), and for MATERIAL it is exactly the kinetic energy that mass brings
-along when it enters at A_i with the cable's speed: rho l_dot kilograms per second, l_dot^2 / 2 each.
+along when it enters at A_i with the cable's speed: rho l_dot kilograms a second, l_dot^2 / 2 each.
 (2.24) alone, -1/2 sum rho l_dot^3, has the other sign: the impact forces (2.26) do twice as much.
 """
 

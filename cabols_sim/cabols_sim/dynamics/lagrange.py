@@ -1,4 +1,4 @@
-"""(2.29) in the source's generalized coordinates x: D(x) x_dd + c(x, x_d) + G(x) = J_w^T tau + q_nc.
+"""(2.29) in the source's coordinates x: D(x) x_dd + c(x, x_d) + G(x) = J_w^T tau + q_nc.
 
 Spatial: x = [position; Euler angles], intrinsic x-y-z in rad, singular at a second angle of 90 deg.
 Planar: x = [x, y, phi]. Forces are generalized: virtual work per unit of x.
@@ -45,7 +45,7 @@ def bias(robot: CableRobot, x: ArrayLike, x_dot: ArrayLike) -> FloatArray:
 
 
 def stream(robot: CableRobot, x: ArrayLike, x_dot: ArrayLike) -> FloatArray:
-    """d + q^R* of (2.28), (m,), which (2.30) subtracts; zero where mass_law leaves it out.
+    """Mass stream d + q^R* of (2.28), (m,), which (2.30) subtracts; zero where mass_law leaves it out.
 
     Arguments as in inverse_dynamics; raises as mass_matrix.
     """

@@ -9,6 +9,7 @@ eigenvalues, whatever tensions redundancy resolution chooses.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ from cabols_control.limb import LimbModel
 from cabols_sim.dynamics.vibration import VibrationModel
 
 ComplexArray = NDArray[np.complex128]
-FREQUENCIES = np.geomspace(0.1, 3000.0, 6000)
+FREQUENCIES = np.geomspace(0.3, 3000.0, 4000)
 """[rad/s]; the Nyquist frequency of the 1 kHz loop is 3142."""
 
 
@@ -43,7 +44,9 @@ class Margins:
     distance: float
 
 
-def limb_loop(model: LimbModel, gains: LimbGains, stiffness: float, s: ComplexArray) -> ComplexArray:
+def limb_loop(
+    model: LimbModel, gains: LimbGains, stiffness: float, s: ComplexArray
+) -> ComplexArray:
     """Limb loop opened at the current, at complex frequencies: (3.11) with (3.10)."""
     motor = model.gain / (s * (1.0 + model.time_constant * s))
     law = gains.velocity * s + gains.integral * (s + gains.tension * stiffness) / s
@@ -84,11 +87,6 @@ def platform_response(model: VibrationModel, s: ComplexArray) -> ComplexArray:
     return np.asarray(np.eye(6) - (model.springs + square * model.platform_mass) @ moved)
 
 
-def loci(loop: ComplexArray, response: ComplexArray) -> ComplexArray:
-    """(k, 6) characteristic loci of loop (k,) times response (k, 6, 6)."""
-    return np.asarray(loop[:, None] * np.linalg.eigvals(response))
-
-
 def margins(frequency: FloatArray, loop: ComplexArray) -> Margins:
     """Margins of a loop whose closed loop is stable, from its open-loop frequency response.
 
@@ -123,7 +121,7 @@ def margins(frequency: FloatArray, loop: ComplexArray) -> Margins:
 
 
 def design_margins(
-    gains: WrenchGains, models: tuple[LimbModel, ...], stiffness: float, delay_s: float
+    gains: WrenchGains, models: Sequence[LimbModel], stiffness: float, delay_s: float
 ) -> tuple[Margins, tuple[Margins, ...]]:
     """Margins of the wrench loop on a rigid target and of every limb's loop, with a delay."""
     in_range("delay_s", delay_s, 0.0, 0.1)

@@ -1,8 +1,8 @@
 """Momentum of platform and cables by Newton and Euler: what checks the Lagrange equations.
 
 Cable material is followed through its acceleration, so nothing here knows of variable-mass
-Lagrange equations. A cable is straight, of variable mass and MATERIAL: at the distance s from A_i it
-moves at l_dot e + s e_dot. Models that move the material otherwise fail these checks.
+Lagrange equations. A cable is straight, of variable mass and MATERIAL: at the distance s from A_i
+it moves at l_dot e + s e_dot. Models that move the material otherwise fail these checks.
 """
 
 from __future__ import annotations

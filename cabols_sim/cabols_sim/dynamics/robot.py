@@ -171,9 +171,7 @@ class CableRobot:
             cable: how the material moves; None: as here.
         """
         fixed = finite_array("lengths", lengths, (self.cables,))
-        return replace(
-            self, mass_law="constant", constant_length=fixed, cable=cable or self.cable
-        )
+        return replace(self, mass_law="constant", constant_length=fixed, cable=cable or self.cable)
 
     def cable_mass(self, length: FloatArray) -> FloatArray:
         """(n,) masses [kg] at (n,) lengths [m]: (2.11), or constant."""

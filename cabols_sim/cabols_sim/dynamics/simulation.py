@@ -1,4 +1,4 @@
-"""Forward dynamics: the motion under given tensions, with the power balance integrated beside it."""
+"""Forward dynamics: the motion under given tensions, the power balance integrated beside it."""
 
 from __future__ import annotations
 
@@ -135,15 +135,15 @@ def simulate(
 
 
 def winch_springs(
-    stiffness: float, damping: float, rest: FloatArray, tension: float, robot: CableRobot
+    stiffness: float, damping: float, rest: FloatArray, tension: FloatArray, robot: CableRobot
 ) -> TensionLaw:
     """Return a law by which every winch acts as a spring and damper about a length; never pushes.
 
     Args:
         stiffness: [N/m].
         damping: [N s/m].
-        rest: (n,) lengths at which the tension is `tension` [m].
-        tension: [N].
+        rest: (n,) lengths at which the tensions are `tension` [m].
+        tension: (n,) [N].
         robot: whose cables they are.
     """
 

@@ -22,7 +22,7 @@ from cabols_sim.dynamics.loops import (
     FREQUENCIES,
     ComplexArray,
     Margins,
-    loci,
+    design_margins,
     margins,
     platform_response,
     wrench_loop,
@@ -31,7 +31,7 @@ from cabols_sim.dynamics.vibration import VibrationModel
 
 GAIN_MARGIN, PHASE_MARGIN_RAD, DISTANCE = 2.0, np.radians(45.0), 0.5
 """What a design must keep: 6 dB, 45 deg, and half way from -1."""
-_SCALES = np.geomspace(0.05, 12.0, 150)
+_SCALES = np.geomspace(0.1, 12.0, 97)
 
 
 def inner_polynomial(model: LimbModel, gains: WrenchGains, stiffness: float) -> FloatArray:
@@ -55,22 +55,21 @@ def closed_loop(
     States, six of each: v, v_d, v_dd of the limbs' loops, the integral of the wrench's error, and
     the platform's displacement and velocity. No delay.
     """
-    slow = None if vibration is None else vibration
     one, zero = np.eye(6), np.zeros((6, 6))
-    if slow is None:
+    if vibration is None:
         return _assemble(gains, inner_polynomial(model, gains, stiffness), [one, zero, zero])
-    lighter = slow.platform_mass @ np.linalg.inv(slow.mass)
+    lighter = vibration.platform_mass @ np.linalg.inv(vibration.mass)
     sensor = [
         one - lighter,
-        lighter @ slow.stiffness - slow.springs,
-        lighter @ slow.damping(),
+        lighter @ vibration.stiffness - vibration.springs,
+        lighter @ vibration.damping(),
     ]
     matrix = _assemble(gains, inner_polynomial(model, gains, stiffness), sensor)
-    moved = np.linalg.inv(slow.mass)
+    moved = np.linalg.inv(vibration.mass)
     fast = np.zeros((12, 36))
     fast[:6, 30:] = one
     fast[6:, :6] = moved
-    fast[6:, 24:30], fast[6:, 30:] = -moved @ slow.stiffness, -moved @ slow.damping()
+    fast[6:, 24:30], fast[6:, 30:] = -moved @ vibration.stiffness, -moved @ vibration.damping()
     return np.vstack([matrix, fast])
 
 
@@ -83,9 +82,7 @@ def slow_loop(
     return _assemble(gains, inner_polynomial(model, gains, stiffness), [still, zero, zero])[:, :24]
 
 
-def _assemble(
-    gains: WrenchGains, inner: FloatArray, sensor: Sequence[FloatArray]
-) -> FloatArray:
+def _assemble(gains: WrenchGains, inner: FloatArray, sensor: Sequence[FloatArray]) -> FloatArray:
     """(24, 36) rows of the loops; sensor: what it reads of v, x and x_dot, each (6, 6)."""
     one = np.eye(6)
     reads = np.zeros((6, 36))
@@ -143,8 +140,8 @@ def split(
     gains: WrenchGains, model: LimbModel, stiffness: float, vibration: VibrationModel
 ) -> Split:
     """Compare the whole with its slow and fast halves."""
-    full = np.linalg.eigvals(closed_loop(gains, model, stiffness, vibration))
-    slow = np.linalg.eigvals(slow_loop(gains, model, stiffness, vibration))
+    full = _poles(closed_loop(gains, model, stiffness, vibration))
+    slow = _poles(slow_loop(gains, model, stiffness, vibration))
     frequency = vibration.modes()[0]
     damped = frequency * np.sqrt(1.0 - vibration.damping_ratio**2)
     upper = -vibration.damping_ratio * frequency + 1j * damped
@@ -154,50 +151,50 @@ def split(
     rows, columns = linear_sum_assignment(np.abs(halves[:, None] - full[None, :]) / scale)
     partner = full[columns[np.argsort(rows)]]
     dominant = np.sort(np.abs(slow))[5]
-    return Split(
-        full, slow, partner[:24], fast, partner[24:], float(dominant / frequency.min())
-    )
+    return Split(full, slow, partner[:24], fast, partner[24:], float(dominant / frequency.min()))
+
+
+def _poles(matrix: FloatArray) -> ComplexArray:
+    return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
 
 
 def worst_margins(
     gains: WrenchGains,
-    model: LimbModel,
+    models: Sequence[LimbModel],
     stiffness: float,
-    vibration: VibrationModel,
+    response: ComplexArray,
     delay_s: float,
-    response: ComplexArray | None = None,
 ) -> Margins:
-    """Smallest margins of the six characteristic loci, each kind by itself.
+    """Smallest margins of the six characteristic loci and of the limbs' loops, each kind by itself.
 
     Args:
-        gains: of both loops.
-        model: of the first limb.
+        gains: of both loops, one limb's or more.
+        models: of the limbs.
         stiffness: k_e [N/m].
-        vibration: of the platform.
+        response: (k, 6) eigenvalues of the platform's response, from `response_eigenvalues`.
         delay_s: of every sample on its way to the current [s].
-        response: platform_response at FREQUENCIES, if it is known.
     """
     s = np.multiply(1j, FREQUENCIES)
-    known = platform_response(vibration, s) if response is None else response
-    curves = loci(wrench_loop(gains, model, stiffness, s, delay_s), known)
-    each = [margins(FREQUENCIES, np.asarray(curve)) for curve in _follow(curves).T]
+    curves = wrench_loop(gains, models[0], stiffness, s, delay_s)[:, None] * response
+    each = [margins(FREQUENCIES, np.asarray(curve)) for curve in curves.T]
+    each += design_margins(gains, models, stiffness, delay_s)[1]
     return Margins(
         gain=min(m.gain for m in each),
         phase=min(m.phase for m in each),
-        crossover=max(m.crossover for m in each),
+        crossover=max(m.crossover for m in each[:6]),
         delay=min(m.delay for m in each),
         distance=min(m.distance for m in each),
     )
 
 
-def _follow(curves: ComplexArray) -> ComplexArray:
-    """Order each frequency's loci as continuations of those before: eigenvalues come in any order."""
-    ordered = curves.copy()
+def response_eigenvalues(vibration: VibrationModel) -> ComplexArray:
+    """(k, 6) eigenvalues of platform_response at FREQUENCIES, each column a continuous curve."""
+    curves = np.linalg.eigvals(platform_response(vibration, np.multiply(1j, FREQUENCIES)))
     for k in range(1, curves.shape[0]):
-        apart = np.abs(ordered[k - 1][:, None] - curves[k][None, :])
+        apart = np.abs(curves[k - 1][:, None] - curves[k][None, :])
         if not (np.argmin(apart, axis=1) == np.arange(6)).all():
-            ordered[k] = curves[k][linear_sum_assignment(apart)[1]]
-    return ordered
+            curves[k] = curves[k][linear_sum_assignment(apart)[1]]
+    return np.asarray(curves)
 
 
 @dataclass(frozen=True)
@@ -207,7 +204,7 @@ class Fastest:
     Attributes:
         scale: of all poles and the zero, times the base design's; 0: none keeps them.
         stable_scale: up to which the loops without delay are stable at all.
-        limited_by: which margin ends it.
+        limited_by: what ends it.
     """
 
     scale: float
@@ -226,19 +223,19 @@ def fastest_design(
     """Scale a design's poles and zero until it loses 6 dB, 45 deg or the distance 0.5 from -1.
 
     Scales are tried upwards from one at which the loops are slower than all else, so that a design
-    counts only if all slower ones are good, too.
+    counts only if all slower ones are good, too. The limbs' loops must keep their margins as well.
     """
 
     def design(scale: float) -> WrenchGains:
-        return wrench_gains(models[:1], stiffness, scale * np.array(poles), scale * zero)
+        return wrench_gains(models, stiffness, scale * np.array(poles), scale * zero)
 
-    response = platform_response(vibration, np.multiply(1j, FREQUENCIES))
+    response = response_eigenvalues(vibration)
 
     def lacks(scale: float) -> str:
         gains = design(scale)
-        if not split(gains, models[0], stiffness, vibration).stable:
+        found = worst_margins(gains, models, stiffness, response, delay_s)
+        if unstable(scale):
             return "stability"
-        found = worst_margins(gains, models[0], stiffness, vibration, delay_s, response)
         if not found.gain >= GAIN_MARGIN:
             return "gain margin"
         if not found.phase >= PHASE_MARGIN_RAD:
@@ -246,8 +243,8 @@ def fastest_design(
         return "" if found.distance >= DISTANCE else "distance from -1"
 
     def unstable(scale: float) -> str:
-        stable = split(design(scale), models[0], stiffness, vibration).stable
-        return "" if stable else "stability"
+        matrix = closed_loop(design(scale), models[0], stiffness, vibration)
+        return "" if np.linalg.eigvals(matrix).real.max() < 0.0 else "stability"
 
     scale, why = _first_failure(lacks)
     return Fastest(scale, _first_failure(unstable)[0], why)

@@ -1,4 +1,4 @@
-"""Vibration of the loaded rig: platform and target as one body on the springs and the robot's joints.
+"""Vibration of the loaded rig: platform and target as one body on springs and robot's joints.
 
 About an equilibrium with the motors standing, x being the platform's small twist displacement,
 
