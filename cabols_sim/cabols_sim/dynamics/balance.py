@@ -39,7 +39,7 @@ class FreeMotion:
     damping: float
     tension: float
 
-    def run(self, duration_s: float = 60.0, samples: int = 1201) -> Trajectory:
+    def run(self, duration_s: float = 60.0, samples: int = 801) -> Trajectory:
         """Simulate."""
         rest = state_at(self.robot, np.zeros(self.offset.size))
         weight = equations(self.robot, rest).gravity

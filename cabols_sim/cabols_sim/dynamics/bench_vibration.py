@@ -160,6 +160,7 @@ def margin_numbers(rig: Rig) -> dict[str, float]:
         "wrench_crossover_rad_per_s": outer.crossover,
         "wrench_distance": outer.distance,
         "limb_gain_margin_db": 20.0 * float(np.log10(min(m.gain for m in inner))),
+        "limb_gain_reduction_margin_db": 20.0 * float(np.log10(max(m.reduction for m in inner))),
         "limb_phase_margin_deg": float(np.degrees(min(m.phase for m in inner))),
         "limb_crossover_rad_per_s": max(m.crossover for m in inner),
         "limb_delay_margin_ms": 1e3 * min(m.delay for m in inner),

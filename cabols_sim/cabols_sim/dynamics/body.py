@@ -61,8 +61,13 @@ class BodyState:
         )
 
     def cables(self, robot: CableRobot) -> CableStates:
-        """Return the cables' states."""
-        return cable_states(robot, self.position, self.rotation, self.twist)
+        """Return the cables' states, computed once for one robot."""
+        known: tuple[CableRobot, CableStates] | None = self.__dict__.get("_cables")
+        if known is None or known[0] is not robot:
+            found = cable_states(robot, self.position, self.rotation, self.twist)
+            known = (robot, found)
+            object.__setattr__(self, "_cables", known)
+        return known[1]
 
 
 @dataclass(frozen=True, eq=False)

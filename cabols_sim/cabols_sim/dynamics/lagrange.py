@@ -45,7 +45,7 @@ def bias(robot: CableRobot, x: ArrayLike, x_dot: ArrayLike) -> FloatArray:
 
 
 def stream(robot: CableRobot, x: ArrayLike, x_dot: ArrayLike) -> FloatArray:
-    """Mass stream d + q^R* of (2.28), (m,), which (2.30) subtracts; zero where mass_law leaves it out.
+    """Mass stream d + q^R* of (2.28), (m,), which (2.30) subtracts; zero without it in mass_law.
 
     Arguments as in inverse_dynamics; raises as mass_matrix.
     """

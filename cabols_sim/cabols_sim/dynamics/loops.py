@@ -31,6 +31,7 @@ class Margins:
 
     Attributes:
         gain: by which its gain may grow [-]; inf: any.
+        reduction: down to which its gain may shrink, as with a saturated motor [-]; 0: any.
         phase: that it may lose at its crossovers [rad]; inf: no crossover.
         crossover: highest frequency of gain one [rad/s]; 0: none.
         delay: that may be added [s]; inf: any.
@@ -38,6 +39,7 @@ class Margins:
     """
 
     gain: float
+    reduction: float
     phase: float
     crossover: float
     delay: float
@@ -95,24 +97,26 @@ def margins(frequency: FloatArray, loop: ComplexArray) -> Margins:
         loop: (k,) open loop, negative feedback.
 
     Returns:
-        The margins; the gain margin is against growing gain.
+        The margins.
     """
     size, angle = np.abs(loop), np.angle(loop)
     real, imaginary = loop.real, loop.imag
     swap = np.flatnonzero((imaginary[:-1] * imaginary[1:] <= 0.0) & (imaginary[:-1] != 0.0))
     share = imaginary[swap] / (imaginary[swap] - imaginary[swap + 1])
     crossing = real[swap] + share * (real[swap + 1] - real[swap])
-    negative = crossing[(crossing < 0.0) & (crossing > -1.0)]
-    gain = float(1.0 / -negative.min()) if negative.size else np.inf
+    above, below = crossing[crossing < -1.0], crossing[(crossing < 0.0) & (crossing > -1.0)]
+    gain = float(1.0 / -below.min()) if below.size else np.inf
+    reduction = float(1.0 / -above.max()) if above.size else 0.0
     falls = np.flatnonzero((size[:-1] - 1.0) * (size[1:] - 1.0) <= 0.0)
     if not falls.size:
-        return Margins(gain, np.inf, 0.0, np.inf, float(np.abs(1.0 + loop).min()))
+        return Margins(gain, reduction, np.inf, 0.0, np.inf, float(np.abs(1.0 + loop).min()))
     share = np.log(size[falls]) / np.log(size[falls] / size[falls + 1])
     at = frequency[falls] * (frequency[falls + 1] / frequency[falls]) ** share
     turn = np.angle(loop[falls + 1] / loop[falls])
     lag = np.mod(np.pi + angle[falls] + share * turn, 2.0 * np.pi)
     return Margins(
         gain=gain,
+        reduction=reduction,
         phase=float(np.minimum(lag, 2.0 * np.pi - lag).min()),
         crossover=float(at.max()),
         delay=float((lag / at).min()),

@@ -2,9 +2,9 @@
 
 The source gives rho = 0.215 kg/m, 2500 kg, state (x, y, phi) and "in the order of 900 meters"; its
 layout and trajectory are in figures without numbers. Chosen here: the plane is vertical; base
-points on a circle of 900 m at -135, -45, 45 and 135 deg, platform points on one of 10 m at -45, -135, 135
-and 45 deg, so that the cables cross and hold the platform against turning; the platform turns like
-a disc of 10 m; it moves once, from rest to rest, along a polynomial of fifth order.
+points on a circle of 900 m at -135, -45, 45 and 135 deg, platform points on one of 10 m at -45,
+-135, 135 and 45 deg, so that the cables cross and hold the platform against turning; the platform
+turns like a disc of 10 m; it moves once, from rest to rest, along a polynomial of fifth order.
 """
 
 from __future__ import annotations

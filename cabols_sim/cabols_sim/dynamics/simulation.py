@@ -65,7 +65,7 @@ def simulate(
     duration_s: float,
     wrench_law: WrenchLaw | None = None,
     samples: int = 601,
-    tolerance: float = 1e-10,
+    tolerance: float = 1e-9,
 ) -> Trajectory:
     """Integrate (2.29) by Dormand and Prince's method of order 8; orientation as a quaternion.
 

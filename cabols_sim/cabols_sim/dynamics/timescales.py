@@ -180,6 +180,7 @@ def worst_margins(
     each += design_margins(gains, models, stiffness, delay_s)[1]
     return Margins(
         gain=min(m.gain for m in each),
+        reduction=max(m.reduction for m in each),
         phase=min(m.phase for m in each),
         crossover=max(m.crossover for m in each[:6]),
         delay=min(m.delay for m in each),
