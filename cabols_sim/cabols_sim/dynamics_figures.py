@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 
 from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
+from cabols_sim.analysis import designed_response
+from cabols_sim.closed_loop import Trace
 from cabols_sim.dynamics.bench_vibration import LOOP_DELAY_S, Frequencies
 from cabols_sim.dynamics.loops import FREQUENCIES, ComplexArray, limb_loop, wrench_loop
 from cabols_sim.dynamics.planar_case import TENSION_MIN, CaseRun, Effect
@@ -188,6 +190,37 @@ def draw_frequencies(found: Frequencies, fastest: float) -> Figure:
     tidy(bottom, "natural frequency [Hz]", "time [s]")
     bottom.set_ylim(4.0, 400.0)
     bottom.legend(fontsize=9, ncols=2, loc="upper right")
+    return figure
+
+
+def draw_steps(traces: Mapping[str, Trace], rigs: Mapping[str, Rig], begin: int) -> Figure:
+    """One component's step with every design: measured and designed wrench, all limbs' currents.
+
+    Args:
+        traces: of the compiled loop, by design.
+        rigs: their configurations.
+        begin: sample of the step, whose component is the one that then changes most.
+    """
+    figure = new_figure(10.5, 4.4)
+    left, *panels = figure.subplots(1, 1 + len(traces), width_ratios=(1.5, *[1.0] * len(traces)))
+    for (name, trace), colour, axes in zip(traces.items(), PAIR, panels, strict=False):
+        component = int(np.argmax(np.abs(trace.desired[begin] - trace.desired[begin - 1])))
+        shown = slice(begin - 50, begin + 600)
+        time = trace.time[shown] - trace.time[begin]
+        designed = designed_response(rigs[name], trace.desired, float(trace.time[1]))
+        left.plot(time, trace.measured[shown, component], color=colour, lw=1.6, label=name)
+        left.plot(time, designed[shown, component], color="#222222", lw=1.0, ls=":")
+        for i, current in enumerate(trace.current[shown].T):
+            axes.plot(time, current, color=LIMB_COLOURS[i % len(LIMB_COLOURS)], lw=1.0)
+        limit = rigs[name].control.current_limit
+        for value in (limit, -limit):
+            limit_line(axes, value, f"{value:g} A")
+        axes.set_title(f"{name}: currents", fontsize=11)
+        axes.set_ylim(-1.15 * limit, 1.15 * limit)
+        tidy(axes, "current [A]", "time after the step [s]")
+    left.set_title("measured; dotted: designed", fontsize=11)
+    left.legend(fontsize=10, loc="lower right")
+    tidy(left, "$f_x$ [N]", "time after the step [s]")
     return figure
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from cabols_control.configuration import load_config, packaged
 from cabols_control.programs import load_program
 from cabols_control.rig import Rig, load_rig
-from cabols_hw.card_config import CardConfig
 from cabols_sim import dynamics_figures as draw
+from cabols_sim.closed_loop import Trace, simulate
 from cabols_sim.dynamics.balance import momentum_imbalance, planar_motion, spatial_motion
 from cabols_sim.dynamics.bench_vibration import (
     Held,
@@ -37,10 +37,13 @@ from cabols_sim.dynamics.planar_case import (
 from cabols_sim.dynamics.robot import CENTRE, MATERIAL
 from cabols_sim.figures import DPI
 from cabols_sim.reproductions import plain
+from cabols_sim.reproductions.common import bench
 from cabols_sim.robot.robot_config import RobotConfig
 from cabols_sim.robot.robot_target import RobotTarget
 
 DESIGNS = {"published": "bench_control.yaml", "fast": "fast_control.yaml"}
+STEP_BEGIN = 800
+"""Sample of the step in the picture of the steps [ms]."""
 TARGET_FACTORS = (1000.0, 10.0, 1.0, 0.1, 0.01, 0.001)
 
 
@@ -219,7 +222,16 @@ def vibration(output: Output) -> None:
             f"{numbers['limb_phase_margin_deg']:.0f} deg, "
             f"{numbers['limb_delay_margin_ms']:.1f} ms more delay"
         )
+    output.figure("steps", draw.draw_steps(_steps(rigs), rigs, STEP_BEGIN))
     _targets(output, rigs, middle)
+
+
+def _steps(rigs: dict[str, Rig]) -> dict[str, Trace]:
+    """A step of 40 N in f_x by every design, on the full plant in the compiled loop."""
+    setup = bench()
+    desired = np.zeros((STEP_BEGIN + 700, 6))
+    desired[STEP_BEGIN:, 0] = 40.0
+    return {name: simulate(rig, setup.card, setup.plant, desired) for name, rig in rigs.items()}
 
 
 def _targets(output: Output, rigs: dict[str, Rig], middle: Any) -> None:
@@ -258,13 +270,12 @@ def held_by_robot() -> Held:
     """Return the bench's platform in its robot's hand, at configuration 0."""
     robot = RobotTarget()
     config = load_config(RobotConfig, packaged("cabols_sim", "bench_robot.yaml"))
-    card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
     return Held(
         robot.position.copy(),
         robot.rotation.copy(),
         robot.jacobian.copy(),
         np.array(config.stiffness),
-        card.tool_mass,
+        bench().card.tool_mass,
     )
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import packaged
 from cabols_control.errors import CabolsError
 from cabols_control.programs import load_program
 from cabols_control.response import analyse_steps
@@ -28,7 +28,9 @@ from cabols_sim.analysis import load_run, summarise
 from cabols_sim.bench_run import run_bench
 from cabols_sim.closed_loop import PERIOD_S, simulate
 from cabols_sim.dynamics.bench_vibration import margin_numbers
+from cabols_sim.figures import DPI, draw_overview
 from cabols_sim.plant_config import PlantConfig
+from cabols_sim.reproductions.common import bench
 
 FAST = "fast_control.yaml"
 RISE_MAX_S, OVERSHOOT_MAX_PERCENT, CURRENT_MAX_A = 0.12, 5.0, 3.0
@@ -76,7 +78,7 @@ def main() -> int:
         kept = show_drawn(drawn) and kept
     arguments.json.parent.mkdir(parents=True, exist_ok=True)
     arguments.json.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
-    print(f"figures are in {arguments.json}, bags in {arguments.output}")
+    print(f"figures are in {arguments.json}, bags and pictures in {arguments.output}")
     return 0 if kept else 1
 
 
@@ -86,7 +88,7 @@ def run_program(program: str, control: Path, folder: Path) -> dict[str, Any]:
     Args:
         program: built in, or the path of a .csv file.
         control: YAML of the control design.
-        folder: for bag and logs; emptied first.
+        folder: for bag, picture and logs; emptied first.
 
     Returns:
         As cabols_sim.analysis.summarise.
@@ -116,7 +118,10 @@ def run_program(program: str, control: Path, folder: Path) -> dict[str, Any]:
             f"with code {ended.code}; see {folder / 'log'}"
         )
     print(f"{program}: done after {time.monotonic() - began:.0f} s")
-    return summarise(load_run(folder / "bag"), load_rig(control=control))
+    run = load_run(folder / "bag")
+    summary = summarise(run, load_rig(control=control))
+    draw_overview(run, summary).savefig(folder / "overview.png", dpi=DPI)
+    return summary
 
 
 def show(summary: dict[str, Any]) -> bool:
@@ -145,8 +150,7 @@ def draw_plants(rig: Rig, draws: int) -> dict[str, Any]:
     Returns:
         Largest values over all draws.
     """
-    card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
-    nominal = load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml"))
+    card, nominal = bench().card, bench().plant
     program = load_program("steps")
     time_s = np.arange(-LEAD_S, program.duration, PERIOD_S)
     desired = np.array([program.at(float(t)) for t in time_s])
