@@ -5,12 +5,15 @@ from __future__ import annotations
 import control
 import numpy as np
 import pytest
+from scipy import signal
 from scipy.spatial.transform import Rotation
 
 from cabols_control.configuration import packaged
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
+from cabols_control.response import analyse_steps
 from cabols_control.rig import load_rig
+from cabols_sim.closed_loop import simulate
 from cabols_sim.dynamics.bench_vibration import LOOP_DELAY_S, margin_numbers
 from cabols_sim.dynamics.loops import (
     FREQUENCIES,
@@ -23,6 +26,7 @@ from cabols_sim.dynamics.loops import (
 from cabols_sim.dynamics.timescales import (
     closed_loop,
     fastest_design,
+    inner_polynomial,
     response_eigenvalues,
     slow_loop,
     split,
@@ -148,6 +152,55 @@ def test_closed_loop_with_vibration_is_python_controls(design, vibration):
         opened = _open_poles(design, vibration)
         expected = np.prod(s - poles) / np.prod(s - opened)
         assert np.linalg.det(np.eye(6) + loop[0]) == pytest.approx(expected, rel=1e-6)
+
+
+def linear_step(design, vibration, time):
+    """Measured f_x after a unit step of the desired one: the state matrix, by scipy."""
+    gains, model, k_e = design.gains, design.limbs.models[0], design.limbs.stiffness
+    matrix = closed_loop(gains, model, k_e, vibration)
+    drive = np.zeros((matrix.shape[0], 6))
+    drive[12:18] = inner_polynomial(model, gains, k_e)[3] * gains.proportional * np.eye(6)
+    drive[18:24] = np.eye(6)
+    reads = -matrix[18:19]
+    _, value = signal.step((matrix, drive[:, :1], reads, np.zeros((1, 1))), T=time)
+    return value
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.05])
+def test_linear_plant_vibrates_as_the_matrix_says(design, vibration, card, plant_config, factor):
+    """The compiled loop knows no matrix: motors, laws, springs and platform, step by step."""
+    target = vibration.with_target(factor)
+    begin, size = 600, 20.0
+    desired = np.zeros((begin + 500, 6))
+    desired[begin:, 0] = size
+    trace = simulate(design, card, plant_config.linear(), desired, vibration=target)
+    found = (trace.measured[begin:, 0] - trace.measured[begin - 1, 0]) / size
+    expected = linear_step(design, target, trace.time[begin:] - trace.time[begin])
+    # Sampling is worth 1 to 2 % on a rigid target, too; see the reproduction of (3.22).
+    np.testing.assert_allclose(found, expected, atol=0.03)
+    rigid = linear_step(design, vibration.with_target(1e5), trace.time[begin:] - trace.time[begin])
+    assert factor == 1.0 or np.abs(found - rigid).max() > 0.1, "a target this soft is felt"
+
+
+def test_fast_step_on_the_vibrating_robot(vibration, card, plant_config):
+    fast = load_rig(control=packaged("cabols_control", "fast_control.yaml"))
+    desired = np.zeros((2000, 6))
+    desired[800:, 0] = 40.0
+    trace = simulate(fast, card, plant_config, desired, vibration=vibration)
+    response = analyse_steps(trace.time, trace.desired, trace.measured, fast.control.rated)
+    assert response.steps[0].rise_time <= 0.12
+    assert response.steps[0].overshoot < 0.05
+    assert np.abs(trace.current).max() < 3.0
+
+
+def test_very_stiff_target_is_a_rigid_one(rig, vibration, card, plant_config):
+    desired = np.zeros((400, 6))
+    desired[100:, 2] = 30.0
+    rigid = simulate(rig, card, plant_config.linear(), desired)
+    stiff = simulate(
+        rig, card, plant_config.linear(), desired, vibration=vibration.with_target(1e6)
+    )
+    np.testing.assert_allclose(stiff.measured, rigid.measured, atol=1e-3 * 30.0)
 
 
 def _open_poles(design, vibration):

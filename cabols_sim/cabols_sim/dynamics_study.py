@@ -15,6 +15,7 @@ import numpy as np
 
 from cabols_control.configuration import load_config, packaged
 from cabols_control.programs import load_program
+from cabols_control.response import analyse_steps
 from cabols_control.rig import Rig, load_rig
 from cabols_sim import dynamics_figures as draw
 from cabols_sim.closed_loop import Trace, simulate
@@ -35,6 +36,7 @@ from cabols_sim.dynamics.planar_case import (
     study,
 )
 from cabols_sim.dynamics.robot import CENTRE, MATERIAL
+from cabols_sim.dynamics.vibration import VibrationModel
 from cabols_sim.figures import DPI
 from cabols_sim.reproductions import plain
 from cabols_sim.reproductions.common import bench
@@ -44,6 +46,7 @@ from cabols_sim.robot.robot_target import RobotTarget
 DESIGNS = {"published": "bench_control.yaml", "fast": "fast_control.yaml"}
 STEP_BEGIN = 800
 """Sample of the step in the picture of the steps [ms]."""
+STEP_FACTORS = (10.0, 1.0, 0.1, 0.01)
 TARGET_FACTORS = (1000.0, 10.0, 1.0, 0.1, 0.01, 0.001)
 
 
@@ -224,17 +227,50 @@ def vibration(output: Output) -> None:
         )
     output.figure("steps", draw.draw_steps(_steps(rigs), rigs, STEP_BEGIN))
     _targets(output, rigs, middle)
+    _ringing(output, rigs, middle)
 
 
-def _steps(rigs: dict[str, Rig]) -> dict[str, Trace]:
+def _steps(
+    rigs: dict[str, Rig], target: VibrationModel | None = None, hold: int = 700
+) -> dict[str, Trace]:
     """A step of 40 N in f_x by every design, on the full plant in the compiled loop."""
     setup = bench()
-    desired = np.zeros((STEP_BEGIN + 700, 6))
+    desired = np.zeros((STEP_BEGIN + hold, 6))
     desired[STEP_BEGIN:, 0] = 40.0
-    return {name: simulate(rig, setup.card, setup.plant, desired) for name, rig in rigs.items()}
+    return {
+        name: simulate(rig, setup.card, setup.plant, desired, vibration=target)
+        for name, rig in rigs.items()
+    }
 
 
-def _targets(output: Output, rigs: dict[str, Rig], middle: Any) -> None:
+def _ringing(output: Output, rigs: dict[str, Rig], middle: VibrationModel) -> None:
+    print("  step of 40 N on the full plant with a vibrating target:")
+    found = []
+    for factor in (None, *STEP_FACTORS):
+        target = None if factor is None else middle.with_target(factor)
+        for name, trace in _steps(rigs, target, 3000).items():
+            rated = rigs[name].control.rated
+            response = analyse_steps(trace.time, trace.desired, trace.measured, rated)
+            step = response.steps[0]
+            row = {
+                "design": name,
+                "target_of_robot_ratio": factor,
+                "rise_time_s": step.rise_time,
+                "overshoot_percent": 100.0 * step.overshoot,
+                "cross_coupling_percent": 100.0 * float(response.cross_coupling.max()),
+                "current_peak_a": float(np.abs(trace.current).max()),
+            }
+            found.append(row)
+            label = "rigid" if factor is None else f"{factor:g} of the robot"
+            print(
+                f"    {label:18} {name:9} rise {row['rise_time_s']:.3f} s, overshoot "
+                f"{row['overshoot_percent']:.2f} %, cross-coupling "
+                f"{row['cross_coupling_percent']:.2f} %, {row['current_peak_a']:.2f} A"
+            )
+    output.numbers["steps_on_targets"] = found
+
+
+def _targets(output: Output, rigs: dict[str, Rig], middle: VibrationModel) -> None:
     print(
         "  target / robot   first mode   design      epsilon  slow poles off  fast poles off"
         "  may be scaled  ended by        stable to"
