@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
 import pytest
 
 from cabols_control.configuration import packaged
+from cabols_control.errors import OutOfRangeError
+from cabols_control.programs import LoadProgram
 from cabols_control.rig import load_rig
-from cabols_sim import bench_run, fast_gains
+from cabols_sim import bench_run, fast_gains, gain_search
 from cabols_sim.analysis import designed_rise_time
+from cabols_sim.closed_loop import simulate
 from graph_harness import next_environment
 
 CONTROL = packaged("cabols_control", "fast_control.yaml")
@@ -66,3 +70,23 @@ def test_missed_promises_are_said(capsys):
     assert "NOT MET" in capsys.readouterr().out
     assert not fast_gains.show({**good, "rise_time_s": None, "faults": {}})
     assert not fast_gains.show({**good, "faults": {"plant": "tension"}})
+
+
+def test_search_finds_a_design_within_its_limits(rig, card, plant_config):
+    """Two generations on one step: not the best, but what it says is what the plant does."""
+    time, wrench = np.array([0.0, 0.3, 1.3]), np.zeros((3, 6))
+    wrench[1:, 0] = 40.0
+    program = LoadProgram("step", time, wrench, held=True)
+    said = []
+    poles, zero, found = gain_search.search(
+        rig, card, plant_config, program, 0.15, generations=2, progress=said.append
+    )
+    assert len(said) == 2
+    again = gain_search.redesign(rig, poles, zero)
+    trace = simulate(again, card, plant_config, gain_search.program_samples(program))
+    assert gain_search.judge(trace, again) == found
+    assert found.rise_time_max < 0.155
+    assert found.overshoot < 0.05
+    assert found.peak_current < 3.0
+    with pytest.raises(OutOfRangeError, match="rise_max_s"):
+        gain_search.search(rig, card, plant_config, program, float("nan"))

@@ -17,18 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.checks import FloatArray
 from cabols_control.configuration import packaged
 from cabols_control.errors import CabolsError
 from cabols_control.programs import load_program
-from cabols_control.response import analyse_steps
 from cabols_control.rig import Rig, load_rig
-from cabols_hw.card_config import CardConfig
 from cabols_sim.analysis import load_run, summarise
 from cabols_sim.bench_run import run_bench
-from cabols_sim.closed_loop import PERIOD_S, simulate
+from cabols_sim.closed_loop import simulate
 from cabols_sim.dynamics.bench_vibration import margin_numbers
 from cabols_sim.figures import DPI, draw_overview
+from cabols_sim.gain_search import judge, program_samples, search
 from cabols_sim.plant_config import PlantConfig
 from cabols_sim.reproductions.common import bench
 
@@ -36,8 +34,8 @@ FAST = "fast_control.yaml"
 RISE_MAX_S, OVERSHOOT_MAX_PERCENT, CURRENT_MAX_A = 0.12, 5.0, 3.0
 SPREAD = 0.1
 """Plants are drawn whose gains and time constants differ by up to this share."""
-LEAD_S = 0.5
-"""Of rest before a programme in the compiled loop: the start-up is no step."""
+SEARCH_RISE_S = 0.114
+"""What --search asks of the slowest step: 0.12 s with something to spare."""
 ROWS = (
     ("rise time 10-90 %, median", "rise_time_s", "s", 3, RISE_MAX_S),
     ("rise time, slowest step", "rise_time_max_s", "s", 3, RISE_MAX_S),
@@ -62,12 +60,15 @@ def main() -> int:
     add("--json", type=Path, default=Path("build/bench/fast_gains.json"), help="figures")
     add("--program", action="append", help="built in or .csv; repeat; default: steps, multi_axis")
     add("--control-file", type=Path, help=f"YAML of the design; default: {FAST}")
+    add("--search", action="store_true", help="search for poles and zero first (minutes)")
     add("--draws", type=int, default=100, help="plants in the compiled loop; 0: none")
     arguments = parser.parse_args()
     control = arguments.control_file or packaged("cabols_control", FAST)
     rig = load_rig(control=control)
     numbers: dict[str, Any] = {"margins": margin_numbers(rig), "programs": {}}
     print(f"design {control.name}: poles {rig.control.poles}, zero {rig.control.zero:g} 1/s")
+    if arguments.search:
+        search_design(rig)
     kept = True
     for program in arguments.program or ["steps", "multi_axis"]:
         summary = run_program(program, control, arguments.output / Path(program).stem)
@@ -80,6 +81,23 @@ def main() -> int:
     arguments.json.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     print(f"figures are in {arguments.json}, bags and pictures in {arguments.output}")
     return 0 if kept else 1
+
+
+def search_design(rig: Rig) -> None:
+    """Search poles and zero anew on the programme `steps`, and print what comes out."""
+    print("search: least peak current, generations of 40 designs ...", flush=True)
+
+    def say(text: str) -> None:
+        print(f"  {text}", flush=True)
+
+    program = load_program("steps")
+    args = (rig, bench().card, bench().plant, program, SEARCH_RISE_S)
+    poles, zero, found = search(*args, progress=say)
+    print(
+        f"search: poles {[round(p, 1) for p in poles]}, zero {zero:.1f}: slowest step "
+        f"{found.rise_time_max:.3f} s, overshoot {100.0 * found.overshoot:.2f} %, "
+        f"{found.peak_current:.2f} A"
+    )
 
 
 def run_program(program: str, control: Path, folder: Path) -> dict[str, Any]:
@@ -151,20 +169,20 @@ def draw_plants(rig: Rig, draws: int) -> dict[str, Any]:
         Largest values over all draws.
     """
     card, nominal = bench().card, bench().plant
-    program = load_program("steps")
-    time_s = np.arange(-LEAD_S, program.duration, PERIOD_S)
-    desired = np.array([program.at(float(t)) for t in time_s])
+    desired = program_samples(load_program("steps"))
     random = np.random.default_rng(20261125)
-    found = np.array(
-        [_judge(rig, card, _vary(nominal, random), desired, seed) for seed in range(draws)]
-    )
+    found = [
+        judge(simulate(rig, card, _vary(nominal, random), desired, seed=seed), rig)
+        for seed in range(draws)
+    ]
+    rises = [each.rise_time for each in found]
     return {
         "draws": draws,
         "spread_percent": 100.0 * SPREAD,
-        "rise_time_median_max_s": float(found[:, 0].max()),
-        "rise_time_median_min_s": float(found[:, 0].min()),
-        "overshoot_max_percent": 100.0 * float(found[:, 1].max()),
-        "current_peak_max_a": float(found[:, 2].max()),
+        "rise_time_median_max_s": max(rises),
+        "rise_time_median_min_s": min(rises),
+        "overshoot_max_percent": 100.0 * max(each.overshoot for each in found),
+        "current_peak_max_a": max(each.peak_current for each in found),
     }
 
 
@@ -177,16 +195,6 @@ def _vary(plant: PlantConfig, random: np.random.Generator) -> PlantConfig:
         plant,
         limbs=replace(limbs, gain=each(limbs.gain), time_constant=each(limbs.time_constant)),
     )
-
-
-def _judge(
-    rig: Rig, card: CardConfig, plant: PlantConfig, desired: FloatArray, seed: int
-) -> tuple[float, float, float]:
-    """Median rise time [s], largest overshoot [-], peak current [A]."""
-    trace = simulate(rig, card, plant, desired, seed=seed)
-    response = analyse_steps(trace.time, trace.desired, trace.measured, rig.control.rated)
-    overshoot = max(step.overshoot for step in response.steps)
-    return float(np.median(response.rise_times)), overshoot, float(np.abs(trace.current).max())
 
 
 def show_drawn(drawn: dict[str, Any]) -> bool:
