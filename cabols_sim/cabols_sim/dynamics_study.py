@@ -17,6 +17,7 @@ from cabols_control.configuration import load_config, packaged
 from cabols_control.programs import load_program
 from cabols_control.response import analyse_steps
 from cabols_control.rig import Rig, load_rig
+from cabols_hw.abb.configurations import load_configurations
 from cabols_sim import dynamics_figures as draw
 from cabols_sim.closed_loop import Trace, simulate
 from cabols_sim.dynamics.balance import momentum_imbalance, planar_motion, spatial_motion
@@ -207,7 +208,14 @@ def vibration(output: Output) -> None:
         low, high = values.min(axis=0) / (2.0 * np.pi), values.max(axis=0) / (2.0 * np.pi)
         text = ", ".join(f"{a:.1f}-{b:.1f}" for a, b in zip(low, high, strict=True))
         print(f"  natural frequencies along multi_axis, {label}: {text} Hz")
-    middle = held.vibration(rig, frequencies.tension.mean(axis=0))
+    tension = frequencies.tension.mean(axis=0)
+    hands = [held_by_robot(index) for index in range(len(load_configurations()))]
+    hertz = np.array([hand.vibration(rig, tension).modes()[0] for hand in hands]) / (2.0 * np.pi)
+    ranges = zip(hertz.min(axis=0), hertz.max(axis=0), strict=True)
+    text = ", ".join(f"{low:.1f}-{high:.1f}" for low, high in ranges)
+    print(f"  over the robot's {len(hands)} configurations: {text} Hz")
+    output.numbers["natural_frequencies_over_configurations_hz"] = hertz.tolist()
+    middle = held.vibration(rig, tension)
     shares = 100.0 * middle.shares()
     print("  elastic energy of the modes in the robot's hand, target / springs / tensions [%]:")
     print("    " + ", ".join(" / ".join(f"{v:.1f}" for v in row) for row in shares))
@@ -302,14 +310,14 @@ def _targets(output: Output, rigs: dict[str, Rig], middle: VibrationModel) -> No
     output.numbers["targets"] = found
 
 
-def held_by_robot() -> Held:
-    """Return the bench's platform in its robot's hand, at configuration 0."""
-    robot = RobotTarget()
+def held_by_robot(index: int = 0) -> Held:
+    """Return the bench's platform in its robot's hand, at a stored configuration."""
+    position, rotation, jacobian = RobotTarget().arm.solve(load_configurations().joints(index))
     config = load_config(RobotConfig, packaged("cabols_sim", "bench_robot.yaml"))
     return Held(
-        robot.position.copy(),
-        robot.rotation.copy(),
-        robot.jacobian.copy(),
+        position,
+        rotation,
+        jacobian,
         np.array(config.stiffness),
         bench().card.tool_mass,
     )

@@ -108,7 +108,7 @@ class Split:
         full_slow: (24,) their partners among the full ones.
         fast: (12,) of the vibration with the winches standing, each beside `full_fast`.
         full_fast: (12,) their partners.
-        epsilon: slowest natural frequency over fastest slow pole, inverted: small is good.
+        epsilon: sixth slowest slow pole over slowest natural frequency: small is good.
     """
 
     full: ComplexArray
