@@ -38,6 +38,7 @@ def test_rise_time_is_halved_over_drawn_plants(rig):
 
 
 @pytest.mark.ros
+@pytest.mark.timeout(300)  # 17 s of processor time
 def test_rise_overshoot_and_current_through_the_real_nodes(tmp_path, monkeypatch):
     """40 N and back within two seconds, bag and all; `make fast-gains` runs whole programmes."""
     program = tmp_path / "step.csv"
