@@ -23,6 +23,8 @@ DERIVATIVES = 5
 _CLOSE = 1e-10
 """Square of the Newton decrement after which one more step reaches rounding."""
 _HALVINGS = 30
+PINNED = 1e-4
+"""A tension that changes by less than this part of the segment's length is the same all along."""
 
 
 @compiled
@@ -66,7 +68,7 @@ def _newton_step(nullity: int, derivatives: FloatArray) -> tuple[float, float, f
             return 0.0, 0.0, 0.0
         return -g / a, 0.0, g * g / a
     determinant = a * c - b * b
-    if not determinant > 1e-14 * a * c:
+    if not determinant > 1e-15 * a * c:
         return 0.0, 0.0, 0.0
     x, y = (b * h - c * g) / determinant, (b * g - a * h) / determinant
     return x, y, -(g * x + h * y)
@@ -113,6 +115,45 @@ def analytic_centre(
         x, y, square = _newton_step(nullity, derivatives)
         share = 1.0 if square < 0.0625 else 1.0 / (1.0 + math.sqrt(square))
         move(pack, n, nullity, share * x, share * y, tension)
+        if not square > _CLOSE:
+            return step + 1
+    return STEPS
+
+
+@compiled
+def analytic_on_segment(
+    pack: FloatArray,
+    n: int,
+    start: tuple[float, float],
+    end: tuple[float, float],
+    tension: FloatArray,
+) -> int:
+    """Move the tensions to the analytic centre of a segment in z; steps taken.
+
+    Only cables whose tension changes along the segment count: the others, pinned where the
+    feasible tensions shrink to the segment, are the same all along it. So this is where the
+    centre of a polygon goes as it grows flat.
+    """
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    pinned = PINNED * math.sqrt(dx * dx + dy * dy)
+    low, nx = at_limits(n), at_basis(n) + (n - 2) * n
+    move(pack, n, 2, 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tension)
+    for step in range(STEPS):
+        first, second = 0.0, 0.0
+        for i in range(n):
+            slope = pack[nx + i] * dx + pack[nx + n + i] * dy
+            if abs(slope) < pinned:
+                continue
+            below = slope / max(tension[i] - pack[low + i], 1e-300)
+            above = slope / max(pack[low + n + i] - tension[i], 1e-300)
+            first += above - below
+            second += above * above + below * below
+        if not second > 0.0:
+            return step
+        square = first * first / second
+        share = 1.0 if square < 0.0625 else 1.0 / (1.0 + math.sqrt(square))
+        change = -share * first / second
+        move(pack, n, 2, change * dx, change * dy, tension)
         if not square > _CLOSE:
             return step + 1
     return STEPS

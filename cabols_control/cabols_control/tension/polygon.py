@@ -45,7 +45,12 @@ def _clip(
 
 @compiled
 def feasible_polygon(
-    pack: FloatArray, n: int, tension: FloatArray, points: FloatArray, other: FloatArray
+    pack: FloatArray,
+    n: int,
+    tension: FloatArray,
+    tolerance: float,
+    points: FloatArray,
+    other: FloatArray,
 ) -> int:
     """Corners of the polygon of z with tension + N z inside the limits.
 
@@ -53,6 +58,7 @@ def feasible_polygon(
         pack: work array of a pose that is ready, n = rank + 2.
         n: number of cables.
         tension: (n,) the tensions at z = 0 [N].
+        tolerance: by which the limits are widened, against rounding [N].
         points: (2 max_corners(n),) receives the corners, counter-clockwise.
         other: (2 max_corners(n),) scratch.
 
@@ -69,18 +75,30 @@ def feasible_polygon(
     count = 4
     for i in range(n):
         ax, ay = pack[nx + i], pack[ny + i]
-        count = _clip(points, count, ax, ay, pack[high + i] - tension[i], other)
-        count = _clip(other, count, -ax, -ay, tension[i] - pack[low + i], points)
+        count = _clip(points, count, ax, ay, pack[high + i] - tension[i] + tolerance, other)
+        count = _clip(other, count, -ax, -ay, tension[i] - pack[low + i] + tolerance, points)
     return count
 
 
 @compiled
-def centroid(pack: FloatArray, points: FloatArray, count: int) -> tuple[float, float, bool]:
-    """Centroid of a polygon, and whether it has an area; else the middle of its corners.
+def flat_ends(points: FloatArray, count: int) -> tuple[float, float, float, float]:
+    """Ends x, y, x, y of a polygon without area: a segment, or twice a point."""
+    # The corner farthest from any corner is one end; the other is farthest from it.
+    ends_x, ends_y = (points[0], points[0]), (points[1], points[1])
+    for _ in range(2):
+        far, ox, oy = -1.0, ends_x[1], ends_y[1]
+        ex, ey = ox, oy
+        for k in range(count):
+            dx, dy = points[2 * k] - ox, points[2 * k + 1] - oy
+            if dx * dx + dy * dy > far:
+                far, ex, ey = dx * dx + dy * dy, points[2 * k], points[2 * k + 1]
+        ends_x, ends_y = (ox, ex), (oy, ey)
+    return ends_x[0], ends_y[0], ends_x[1], ends_y[1]
 
-    The corners' middle is only near the centroid; but then all corners lie within rounding of a
-    segment, and the middle of its ends is taken.
-    """
+
+@compiled
+def centroid(pack: FloatArray, points: FloatArray, count: int) -> tuple[float, float, float]:
+    """Centroid of a polygon of at least one corner, and twice its area; 0: it is flat."""
     ox, oy = points[0], points[1]
     area, sx, sy = 0.0, 0.0, 0.0
     for k in range(1, count - 1):
@@ -91,17 +109,6 @@ def centroid(pack: FloatArray, points: FloatArray, count: int) -> tuple[float, f
         sx += part * (ax + bx)
         sy += part * (ay + by)
     if area > FLAT * pack[SCALE] * pack[SCALE]:
-        return ox + sx / (3.0 * area), oy + sy / (3.0 * area), True
-    far, ex, ey = 0.0, ox, oy
-    for k in range(1, count):
-        dx, dy = points[2 * k] - ox, points[2 * k + 1] - oy
-        if dx * dx + dy * dy > far:
-            far, ex, ey = dx * dx + dy * dy, points[2 * k], points[2 * k + 1]
-    # The corner farthest from any corner is one end of a flat polygon; the other end is farthest
-    # from it.
-    far, fx, fy = 0.0, ex, ey
-    for k in range(count):
-        dx, dy = points[2 * k] - ex, points[2 * k + 1] - ey
-        if dx * dx + dy * dy > far:
-            far, fx, fy = dx * dx + dy * dy, points[2 * k], points[2 * k + 1]
-    return 0.5 * (ex + fx), 0.5 * (ey + fy), False
+        return ox + sx / (3.0 * area), oy + sy / (3.0 * area), area
+    ax, ay, bx, by = flat_ends(points, count)
+    return 0.5 * (ax + bx), 0.5 * (ay + by), 0.0

@@ -31,8 +31,12 @@ from . import figures, files
 from .workers import Workers, workers
 
 HALF_WIDTHS = (0.6, 0.5, 0.5)
-COARSE, FINE = (9, 8, 8), (25, 21, 21)
+COARSE, FINE = (9, 7, 7), (25, 21, 21)
 """Positions of the optimiser's grid and of the one that its result is judged on."""
+
+
+SPREAD = 0.2
+"""Standard deviation of the first generation round the bench, of the bounds' widths."""
 
 
 def add_design(parser: argparse.ArgumentParser) -> None:
@@ -41,8 +45,8 @@ def add_design(parser: argparse.ArgumentParser) -> None:
         "--patterns", nargs="+", choices=PATTERNS, default=list(PATTERNS), help="default: all"
     )
     parser.add_argument("--tilt", type=float, default=15.0, help="+- about each axis [deg]")
-    parser.add_argument("--generations", type=int, default=60, help="of differential evolution")
-    parser.add_argument("--population", type=int, default=60, help="rigs in a generation")
+    parser.add_argument("--generations", type=int, default=40, help="of differential evolution")
+    parser.add_argument("--population", type=int, default=48, help="rigs in a generation")
     parser.add_argument("--seed", type=int, default=1)
     parser.set_defaults(output=Path("build/design"))
 
@@ -52,6 +56,11 @@ def optimise(problem: DesignProblem, pool: Workers, options: argparse.Namespace)
     rng = np.random.default_rng(options.seed)
     bounds = np.array(design_bounds())
     start = rng.uniform(bounds[:, 0], bounds[:, 1], (max(options.population, 5), len(bounds)))
+    # Half of them near the bench: a rig drawn from all the bounds hardly ever has a workspace.
+    near = len(start) // 2
+    spread = SPREAD * (bounds[:, 1] - bounds[:, 0])
+    start[:near] = np.array(REFERENCE) + spread * rng.standard_normal((near, len(bounds)))
+    start = np.clip(start, bounds[:, 0], bounds[:, 1])
     start[0] = REFERENCE
     began = time.monotonic()
     generation = 0

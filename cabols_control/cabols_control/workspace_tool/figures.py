@@ -48,14 +48,14 @@ def _draw_mesh(axes: Any, mesh: Mesh, colour: str) -> None:
     axes.add_collection3d(Poly3DCollection(corners, facecolors=shades, linewidths=0.0))
 
 
-def _equal(axes: Any, geometry: RigGeometry) -> None:
-    points = np.vstack([geometry.base_points, geometry.reference_position[None]])
+def _equal(axes: Any, points: FloatArray) -> None:
+    """Give the axes one scale, and limits that hold all the points (k, 3)."""
     low, high = points.min(axis=0), points.max(axis=0)
     for axis, name in enumerate("xyz"):
         getattr(axes, f"set_{name}lim")(low[axis], high[axis])
         getattr(axes, f"set_{name}label")(f"{name} [m]")
         getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4))
-    axes.set_box_aspect(high - low)
+    axes.set_box_aspect(high - low, zoom=0.88)
     axes.view_init(elev=22, azim=-60)
 
 
@@ -65,13 +65,14 @@ def draw_solids(
     """Draw meshes in their rigs, one panel each, with their volumes."""
     rows = -(-len(solids) // 3)
     columns = -(-len(solids) // rows)
-    figure = Figure(figsize=(4.2 * columns, 4.4 * rows + 0.4), layout="constrained")
+    figure = Figure(figsize=(4.2 * columns, 4.2 * rows + 0.4), layout="constrained")
+    points = np.vstack([rig.base_points for rig in rigs])
     for k, (geometry, (name, mesh)) in enumerate(zip(rigs, solids, strict=True)):
         axes: Any = figure.add_subplot(rows, columns, k + 1, projection="3d")
         if len(mesh.faces):
             _draw_mesh(axes, mesh, INSIDE)
         _draw_rig(axes, geometry)
-        _equal(axes, geometry)
+        _equal(axes, points)
         axes.set_title(f"{name}: {mesh.volume:.3f} m³", fontsize=10)
     figure.suptitle(title, fontsize=11)
     figure.savefig(path, dpi=DPI)
