@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull, HalfspaceIntersection
-from scipy.spatial.transform import Rotation
 
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
@@ -25,11 +24,11 @@ from cabols_control.tension import (
     set_method,
 )
 from cabols_control.wrench_controller import DesiredWrench, WrenchController
+from tension_path import BOX, largest_jump, tensions_along
 from test_tension import HIGH, LOW, REFERENCE, boundary_wrench, random_rig
 
 NEW = [method for method in CHOICES if method != "min_norm"]
 WEIGHTS = np.array(DEFAULT_WEIGHTS)
-BOX = np.array([94.0, 94.0, 94.0, 9.4, 9.4, 9.4])
 
 
 def null_rows(A):
@@ -138,34 +137,13 @@ def test_equilibrium_and_limits_hold_up_to_the_boundary(seed, method, n):
             np.testing.assert_allclose(found.residual, plain.residual, atol=1e-7)
 
 
-def path(rig, count):
-    """Positions, turns and wrenches along a loop through the workspace, all feasible."""
-    s = np.linspace(0.0, 2.0 * np.pi, count)
-    centre = rig.geometry.reference_position
-    positions = centre + np.column_stack([0.15 * np.cos(s), 0.15 * np.sin(s), 0.1 * np.sin(2 * s)])
-    turns = np.column_stack([12 * np.sin(s), 12 * np.cos(2 * s), 10 * np.sin(3 * s)])
-    rotations = Rotation.from_euler("XYZ", turns, degrees=True).as_matrix()
-    phases = np.array([0.0, 0.7, 1.9, 2.3, 3.1, 4.4])
-    wrenches = 0.35 * BOX * np.sin(np.outer(s, [1, 2, 3, 2, 1, 3]) + phases)
-    return positions, rotations, wrenches
-
-
-def largest_jump(rig, method, count):
-    """Largest change of a tension between neighbours on the path [N]."""
-    pack, residual = np.zeros(pack_size(8)), np.zeros(6)
-    set_method(pack, 8, method)
-    limits, tensions = (np.full(8, LOW), np.full(8, HIGH)), np.zeros((count, 8))
-    for k, (position, rotation, wrench) in enumerate(zip(*path(rig, count), strict=True)):
-        pack_pose(structure_matrix(rig.geometry, position, rotation), *limits, WEIGHTS, pack)
-        assert choose_packed(pack, wrench, tensions[k], residual) == 0
-        assert np.abs(residual).max() < 1e-9
-    return np.abs(np.diff(tensions, axis=0)).max()
-
-
 @pytest.mark.parametrize("method", CHOICES)
 def test_tensions_are_continuous_along_a_path(rig, method):
     """Steps four times as short give jumps about four times as small; a real jump would stay."""
-    coarse, fine = largest_jump(rig, method, 501), largest_jump(rig, method, 2001)
+    coarse, fine = (
+        largest_jump(tensions_along(rig.geometry, method, count, LOW, HIGH)[0])
+        for count in (501, 2001)
+    )
     assert coarse < 8.0
     assert fine < 0.35 * coarse
 

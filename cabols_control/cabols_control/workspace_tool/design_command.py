@@ -45,7 +45,7 @@ def add_design(parser: argparse.ArgumentParser) -> None:
         "--patterns", nargs="+", choices=PATTERNS, default=list(PATTERNS), help="default: all"
     )
     parser.add_argument("--tilt", type=float, default=15.0, help="+- about each axis [deg]")
-    parser.add_argument("--generations", type=int, default=40, help="of differential evolution")
+    parser.add_argument("--generations", type=int, default=80, help="of differential evolution")
     parser.add_argument("--population", type=int, default=48, help="rigs in a generation")
     parser.add_argument("--seed", type=int, default=1)
     parser.set_defaults(output=Path("build/design"))

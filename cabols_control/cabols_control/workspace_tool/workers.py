@@ -22,6 +22,8 @@ from cabols_control.workspace.grid import (
 
 INLINE, LOCAL = "inline", "local"
 CONNECT_TIMEOUT_S = 10
+QUIET = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+"""Of a local scheduler: no dashboard, and its HTTP server on any free port of this machine."""
 Progress = Callable[[int, int], None]
 
 
@@ -144,8 +146,7 @@ def workers(scheduler: str = LOCAL, count: int | None = None) -> Iterator[Worker
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
-            worker_dashboard_address=None,
+            scheduler_kwargs=QUIET,
             silence_logs="ERROR",
         )
         with cluster, distributed.Client(cluster, timeout=CONNECT_TIMEOUT_S) as client:
