@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -27,8 +26,7 @@ UNLOADED_WITHIN_N = 3.0
 """So near the holding tension a limb counts as unloaded: dry friction keeps it off the rest."""
 
 
-@dataclass(frozen=True, eq=False)
-class LimbSample:
+class LimbSample(NamedTuple):
     """One limb state, arrays of (n,).
 
     Attributes:
@@ -48,8 +46,7 @@ class LimbSample:
     zeroed: BoolArray
 
 
-@dataclass(frozen=True, eq=False)
-class TensionSetpoint:
+class TensionSetpoint(NamedTuple):
     """Newest tension command: (n,) tension [N] that answers the state stamped stamp_s [s]."""
 
     stamp_s: float
