@@ -27,6 +27,7 @@ from cabols_control.wrench_controller import DesiredWrench, WrenchController
 from tension_path import BOX, largest_jump, tensions_along
 from test_tension import HIGH, LOW, REFERENCE, boundary_wrench, random_rig
 
+MIDDLE, HALF = 0.5 * (LOW + HIGH), 0.5 * (HIGH - LOW)
 NEW = [method for method in CHOICES if method != "min_norm"]
 WEIGHTS = np.array(DEFAULT_WEIGHTS)
 
@@ -83,7 +84,7 @@ def test_p_norm_is_least(random, exponent):
         rows = null_rows(A)
 
         def objective(z, start=start, rows=rows):
-            return np.sum((np.abs(start + rows.T @ z) / HIGH) ** exponent)
+            return np.sum(np.abs((start + rows.T @ z - MIDDLE) / HALF) ** exponent)
 
         limits = [
             {"type": "ineq", "fun": lambda z, s=start, r=rows: s + r.T @ z - LOW},
@@ -94,18 +95,38 @@ def test_p_norm_is_least(random, exponent):
             objective, np.zeros(2), constraints=limits, method="SLSQP", options=options
         )
         found = distribute(A, wrench, LOW, HIGH, "p_norm", exponent=exponent).tension
-        own = np.sum((found / HIGH) ** exponent)
+        own = np.sum(np.abs((found - MIDDLE) / HALF) ** exponent)
         assert own <= other.fun * (1.0 + 1e-7)
         # SLSQP may leave the limits by its tolerance, so it may be a trace lower.
         assert own >= other.fun * (1.0 - 1e-6)
 
 
-def test_p_norm_of_two_is_the_minimum_norm(random):
+def test_p_norm_of_two_is_nearest_to_the_middle(random):
+    """Then it is a projection, where that keeps the limits."""
+    seen = 0
     for n in (7, 8):
-        for A, wrench in feasible_cases(random, 30, n):
-            plain = distribute(A, wrench, LOW, HIGH).tension
-            found = distribute(A, wrench, LOW, HIGH, "p_norm", exponent=2.0).tension
-            np.testing.assert_allclose(found, plain, atol=1e-6)
+        for A, wrench in feasible_cases(random, 40, n):
+            plain, rows = distribute(A, wrench, LOW, HIGH).tension, null_rows(A)
+            nearest = plain + rows.T @ (rows @ (MIDDLE - plain))
+            if nearest.min() > LOW and nearest.max() < HIGH:
+                seen += 1
+                found = distribute(A, wrench, LOW, HIGH, "p_norm", exponent=2.0).tension
+                np.testing.assert_allclose(found, nearest, atol=1e-9)
+    assert seen > 20
+
+
+def test_limits_that_meet_leave_the_others_to_choose(random):
+    """A cable that is held at one tension counts for no method."""
+    low, high = np.full(8, LOW), np.full(8, HIGH)
+    low[2] = high[2] = 40.0
+    A = random_rig(random)
+    tension = random.uniform(40.0, 110.0, 8)
+    tension[2] = 40.0
+    for method in NEW:
+        found = distribute(A, A @ tension, low, high, method)
+        assert found.feasible
+        assert abs(found.residual).max() < 1e-9
+        assert found.tension[2] == 40.0
 
 
 def test_one_degree_of_redundancy_takes_the_intervals_middle(random):
@@ -167,14 +188,13 @@ def test_tensions_stay_continuous_where_the_wrench_becomes_infeasible(method):
 
 def test_centres_stay_away_from_the_limits(random):
     """What they are for: the least slack is several times the minimum norm's."""
-    slack = {method: [] for method in ("min_norm", "barycentre", "analytic_centre")}
+    slack = {method: [] for method in CHOICES}
     for wrench in random.uniform(-0.4, 0.4, (100, 6)) * BOX:
         for method, found in slack.items():
             t = distribute(REFERENCE, wrench, LOW, HIGH, method).tension
             found.append(min((t - LOW).min(), (HIGH - t).min()))
     assert np.median(slack["min_norm"]) < 1e-9
-    assert min(slack["barycentre"]) > 10.0
-    assert min(slack["analytic_centre"]) > 10.0
+    assert all(min(slack[method]) > 10.0 for method in NEW)
 
 
 def test_a_share_mixes_with_the_minimum_norm():

@@ -2,10 +2,12 @@
 
 t = t0 + N z with one or two columns N. Both objectives are convex and smooth in z:
 analytic centre, minimise -sum_i log(t_i - low_i) + log(high_i - t_i) (Boyd and Vandenberghe 2004,
-8.5.3); p-norm, minimise sum_i |t_i / t_max|^p within the limits (Gosselin and Grenier 2011),
-p = 2 being the minimum norm. Where the p-norm's minimum lies on the polygon's boundary, it is the
-one point of an edge, or the one corner, from which the objective falls outwards only: gradients at
-the corners tell which edge, and one root on it is left to find.
+8.5.3); p-norm, minimise sum_i |d_i|^p within the limits, d_i the deviation of t_i from the middle
+of its limits over half their distance (after Gosselin and Grenier 2011, who take p = 4): p = 2 is
+the point nearest to the middle, a large p keeps the worst cable away from its limits. Where the
+p-norm's minimum lies on the polygon's boundary, it is the one point of an edge, or the one
+corner, from which the objective falls outwards only: gradients at the corners tell which edge,
+and one root on it is left to find.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ DERIVATIVES = 5
 _CLOSE = 1e-10
 """Square of the Newton decrement after which one more step reaches rounding."""
 _HALVINGS = 30
+NARROW = 1e-9
+"""Times the largest limit: limits closer than this leave nothing to choose."""
 PINNED = 1e-4
 """A tension that changes by less than this part of the segment's length is the same all along."""
 
@@ -170,15 +174,27 @@ def power_terms(
     exponent: float,
     derivatives: FloatArray,
 ) -> None:
-    """Fill the derivatives of sum |t / t_max|^p t_max^2 / p at tension + N (x, y)."""
-    rows, scale = at_basis(n) + (n - nullity) * n, 1.0 / max(pack[SCALE], 1e-300)
+    """Fill the derivatives of sum |d_i|^p t_max^2 / p at tension + N (x, y).
+
+    d_i is cable i's deviation from the middle of its limits over half their distance. A cable
+    whose limits nearly meet has nothing to choose and is left out.
+    """
+    rows, low, scale = at_basis(n) + (n - nullity) * n, at_limits(n), pack[SCALE]
     derivatives[:] = 0.0
     for i in range(n):
         value = tension[i] + pack[rows + i] * x
         if nullity == 2:
             value += pack[rows + n + i] * y
-        power = (abs(value) * scale) ** (exponent - 2.0)
-        _add_terms(pack, n, nullity, i, power * value, (exponent - 1.0) * power, derivatives)
+        half = 0.5 * (pack[low + n + i] - pack[low + i])
+        if not half > NARROW * scale:
+            continue
+        stretch = scale / half
+        deviation = (value - pack[low + i]) / half - 1.0
+        power = deviation * deviation
+        if exponent != 4.0:
+            power = abs(deviation) ** (exponent - 2.0)
+        slope, curve = power * deviation * scale * stretch, power * stretch * stretch
+        _add_terms(pack, n, nullity, i, slope, (exponent - 1.0) * curve, derivatives)
 
 
 @compiled
@@ -280,8 +296,8 @@ def least_inside(
 ) -> tuple[float, float]:
     """Point z of the least p-norm, limits ignored, by damped Newton steps from a start."""
     zx, zy = start
+    power_terms(pack, n, nullity, tension, zx, zy, exponent, derivatives)
     for _ in range(STEPS):
-        power_terms(pack, n, nullity, tension, zx, zy, exponent, derivatives)
         x, y, square = _newton_step(nullity, derivatives)
         before, share = derivatives[0] * x + derivatives[1] * y, 1.0
         for _ in range(_HALVINGS):
@@ -296,3 +312,15 @@ def least_inside(
         if not square > 1e-24 * pack[SCALE] * pack[SCALE]:
             break
     return zx, zy
+
+
+@compiled
+def holds(pack: FloatArray, n: int, nullity: int, tension: FloatArray, x: float, y: float) -> bool:
+    """Whether tension + N (x, y) keeps the limits."""
+    rows, low, inside = at_basis(n) + (n - nullity) * n, at_limits(n), True
+    for i in range(n):
+        value = tension[i] + pack[rows + i] * x
+        if nullity == 2:
+            value += pack[rows + n + i] * y
+        inside = inside and pack[low + i] <= value <= pack[low + n + i]
+    return inside

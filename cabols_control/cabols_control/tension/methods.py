@@ -21,6 +21,7 @@ from .centres import (
     DERIVATIVES,
     analytic_centre,
     analytic_on_segment,
+    holds,
     least_inside,
     least_on_boundary,
     least_on_segment,
@@ -54,7 +55,7 @@ CHOICES = {
 """Methods of the compiled loops by name."""
 DEFAULT_EXPONENT = 4.0
 EXPONENTS = (2.0, 32.0)
-"""Least and largest p: 2 is the minimum norm, 32 nearly the least maximum."""
+"""Least and largest p: 2 is nearest to the middle of the limits, 32 nearly the largest slack."""
 MAX_REDUNDANCY = 2
 SLENDER = 1e-6
 """Twice the area over the square of its length below which a polygon's centre is sought on the
@@ -161,11 +162,13 @@ def _choose_in_plane(
             )
             move(pack, n, 2, px, py, tension)
             return 1
-        outside, px, py = least_on_boundary(
-            pack, n, tension, points, count, pack[EXPONENT], other, derivatives
-        )
-        if not outside:
-            px, py = least_inside(pack, n, 2, tension, (x, y), pack[EXPONENT], derivatives)
+        px, py = least_inside(pack, n, 2, tension, (x, y), pack[EXPONENT], derivatives)
+        if not holds(pack, n, 2, tension, px, py):
+            found, ex, ey = least_on_boundary(
+                pack, n, tension, points, count, pack[EXPONENT], other, derivatives
+            )
+            # Not found: the minimum is inside after all, on a limit by rounding.
+            px, py = (ex, ey) if found else (px, py)
         move(pack, n, 2, px, py, tension)
         return 1
     if method == ANALYTIC_CENTRE:
