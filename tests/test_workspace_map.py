@@ -262,7 +262,7 @@ def designed():
 
 def test_designed_geometry_beats_the_bench_by_linear_programmes(rig, designed):
     """A coarse grid, every vertex of the set at every orientation, by HiGHS alone."""
-    grid = box_grid(rig.geometry.reference_position, [0.6, 0.5, 0.5], (7, 7, 7), tilts(15.0))
+    grid = box_grid(rig.geometry.reference_position, [0.6, 0.5, 0.5], (7, 5, 5), tilts(15.0))
     positions = np.repeat(grid.positions, 7, axis=0)
     rotations = np.tile(grid.rotations, (len(grid.positions), 1, 1))
     volumes = [
@@ -272,7 +272,7 @@ def test_designed_geometry_beats_the_bench_by_linear_programmes(rig, designed):
         .sum()
         for g in (rig.geometry, designed)
     ]
-    assert volumes[1] > 1.8 * volumes[0] > 0
+    assert volumes[1] > 1.5 * volumes[0] > 0
 
 
 def test_the_bench_runs_the_designed_geometry(rig, designed, card, plant_config):
