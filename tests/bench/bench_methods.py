@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -36,6 +37,8 @@ from cabols_control.tension import (
 from tension_path import BOX, largest_jump, tensions_along
 
 LOW, HIGH = 1.0, 150.0
+OFFSET_M, TURN_DEG = np.array([0.03, -0.05, 0.02]), [4.0, -6.0, 5.0]
+"""Off the reference pose, whose symmetry makes polygons simple and branches predictable."""
 LOAD = 0.6
 """Share of the bench's rated box of wrenches that the timed wrenches come from."""
 COUNTS = (1001, 4001, 16001)
@@ -107,7 +110,8 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=20_000)
     options = parser.parse_args()
     geometry = load_geometry()
-    matrix = structure_matrix(geometry, geometry.reference_position, np.eye(3))
+    turn = Rotation.from_euler("XYZ", TURN_DEG, degrees=True).as_matrix()
+    matrix = structure_matrix(geometry, geometry.reference_position + OFFSET_M, turn)
     rng = np.random.default_rng(6)
     wrenches = rng.uniform(-LOAD, LOAD, (max(options.calls, 200), 6)) * BOX
     taken = timing(matrix, wrenches, options.calls)
