@@ -98,6 +98,8 @@ def test_scheduler_that_does_not_answer_is_an_error(monkeypatch):
     refused = pytest.raises(CabolsError, match="expected a Dask scheduler with workers at")
     with refused, workers("tcp://127.0.0.1:9"):
         pass
+    with pytest.raises(CabolsError, match="workers: expected at least 1"), workers("local", 0):
+        pass
 
 
 def ball(count=24, radius=0.8):

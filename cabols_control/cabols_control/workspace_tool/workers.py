@@ -126,7 +126,7 @@ def workers(scheduler: str = LOCAL, count: int | None = None) -> Iterator[Worker
         count: processes of "local"; None for one per core.
 
     Raises:
-        CabolsError: if dask is missing, or no scheduler or no worker answers.
+        CabolsError: if dask is missing, the count is below 1, or no scheduler or worker answers.
     """
     if scheduler == INLINE:
         yield Workers(None, 1, "this process")
@@ -140,6 +140,8 @@ def workers(scheduler: str = LOCAL, count: int | None = None) -> Iterator[Worker
         ) from error
     if scheduler == LOCAL:
         number = cores() if count is None else count
+        if number < 1:
+            raise CabolsError(f"workers: expected at least 1, got {number}")
         # Loopback only, and no dashboard: nothing here is meant for the network.
         cluster = distributed.LocalCluster(
             n_workers=number,
