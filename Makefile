@@ -13,7 +13,7 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 BIN = .venv/bin
 
 .PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
-.PHONY: dynamics fast-gains
+.PHONY: dynamics fast-gains workspace design-geometry bench-workspace bench-methods
 .PHONY: bench-realtime faults setup lock clean
 .NOTPARALLEL:
 
@@ -27,6 +27,13 @@ demo: setup  ## run the simulated rig and leave its report in build/demo
 commission: setup  ## commission the simulated rig's limbs and leave models and gains in build/commission
 	@.venv/lib/cabols_sim/commission_bench $(ARGS)
 
+workspace: setup  ## map the workspace: table, meshes and figures in build/workspace
+	@.venv/lib/cabols_control/workspace map $(ARGS)
+
+design-geometry: setup  ## optimise the attachment points into build/design, check them by other means
+	@.venv/lib/cabols_control/workspace design $(ARGS)
+	@$(BIN)/python tests/bench/check_design.py build/design/geometry.yaml
+
 test: setup  ## run the tests
 	@$(BIN)/python -m pytest $(ARGS)
 
@@ -39,11 +46,20 @@ format: setup  ## mend style where a tool can
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
 
-bench: bench-tension bench-simulation bench-registration bench-realtime  ## run all benchmarks into build/bench
+bench: bench-tension bench-methods bench-workspace bench-simulation bench-registration
+bench: bench-realtime  ## run all benchmarks into build/bench
 
 bench-tension: setup  ## time the tension distribution
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_tension.py $(ARGS)
+
+bench-methods: setup  ## compare the methods of tension distribution
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_methods.py $(ARGS)
+
+bench-workspace: setup  ## time workspace grids beside linear programmes
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_workspace.py $(ARGS)
 
 bench-simulation: setup  ## time the simulated rig against the wall clock
 	@mkdir -p build/bench

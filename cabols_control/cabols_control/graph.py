@@ -184,6 +184,12 @@ ARGUMENTS = (
         "command_timeout", 0.0, "s, replaces the control file's; 0: its", ("limb_controller",)
     ),
     Argument(
+        "tension_method",
+        "",
+        "min_norm, p_norm, barycentre or analytic_centre; empty: the control file's",
+        ("wrench_controller",),
+    ),
+    Argument(
         "fifo_priority",
         0,
         "SCHED_FIFO priority of bridge and limb controller, from 3; the wrench controller gets 1 "

@@ -16,7 +16,8 @@ from cabols_control.checks import FloatArray, IntArray, finite_array
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.limb_law import gain_matrix, limb_law_into
 from cabols_control.rig import Rig
-from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size
+from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size, set_method
+from cabols_control.tension.layout import SHARE
 from cabols_control.wrench_law import wrench_law_into
 from cabols_hw.card_config import CardConfig
 from cabols_hw.scaling import quantise, wrench_into
@@ -90,6 +91,7 @@ class _Control(NamedTuple):
     stiffness: float
     zero: FloatArray
     current_limit: float
+    fade: float
 
 
 class _Record(NamedTuple):
@@ -146,6 +148,7 @@ def _run(
                 )
             accumulated[:] = tared
         # What the controllers do.
+        control.pack[SHARE] = min((k + 1) * PERIOD_S / control.fade, 1.0)
         record.status[k] = wrench_law_into(
             control.proportional,
             control.integral,
@@ -260,6 +263,7 @@ def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
     pack = np.zeros(pack_size(n))
     limits = (np.full(n, rig.control.tension_min), np.full(n, rig.control.tension_max))
     pack_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), pack)
+    set_method(pack, n, rig.control.tension_method, rig.control.tension_exponent, share=0.0)
     return _Control(
         matrix,
         pack,
@@ -270,4 +274,5 @@ def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
         rig.limbs.stiffness,
         zero,
         rig.control.current_limit,
+        rig.control.tension_fade,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,6 +27,10 @@ class WrenchControllerNode(ControlNode):
     def __init__(self) -> None:
         """Subscribe to wrench, desired_wrench, platform_pose, mode; advertise tension_command."""
         super().__init__("wrench_controller")
+        method = declare(self, "tension_method", "", "see the control file; empty: that file's")
+        if method:
+            control = replace(self.rig.control, tension_method=method)
+            self.rig = replace(self.rig, control=control)
         warm_wrenches(self.rig)
         geometry = self.rig.geometry
         self._controller = WrenchController(self.rig)
