@@ -15,7 +15,8 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 BIN = .venv/bin
 
 .PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
-.PHONY: bench-stiffness bench-design bench-realtime faults setup lock clean
+.PHONY: dynamics fast-gains bench-stiffness bench-design
+.PHONY: bench-realtime faults setup lock clean
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -68,6 +69,12 @@ bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 
 faults: setup  ## break everything, 20 times each, in the loaded rig (two hours; goes on where it was)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
+
+dynamics: setup  ## compute chapter 2, the 900 m case and the rig's vibration into build/dynamics
+	@.venv/lib/cabols_sim/dynamics_study $(ARGS)
+
+fast-gains: setup  ## prove the faster control design through the real nodes
+	@.venv/lib/cabols_sim/fast_gains $(ARGS)
 
 setup:  ## make .venv and build the workspace into it (done by the others when needed)
 	@test -n "$(HOST_PYTHON)" || { echo "setup: no Python found." \
