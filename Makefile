@@ -7,6 +7,8 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH 
 unexport PYTHONHOME RMW_IMPLEMENTATION ROS_DISTRO _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # Nothing here is meant for other machines on the network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE = LOCALHOST
+# Matrices here are small: on a busy machine threads for them make a fit thirty times slower.
+export OPENBLAS_NUM_THREADS = 1
 
 HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 python3.10 "$$PYTHON"; \
 	do command -v "$$name" && break; done)
@@ -14,6 +16,7 @@ BIN = .venv/bin
 
 .PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
 .PHONY: dynamics fast-gains workspace design-geometry bench-workspace bench-methods
+.PHONY: dynamics fast-gains bench-stiffness bench-design
 .PHONY: bench-realtime faults setup lock clean
 .NOTPARALLEL:
 
@@ -47,7 +50,7 @@ format: setup  ## mend style where a tool can
 	@$(BIN)/ruff check --fix .
 
 bench: bench-tension bench-methods bench-workspace bench-simulation bench-registration
-bench: bench-realtime  ## run all benchmarks into build/bench
+bench: bench-stiffness bench-design bench-realtime  ## run all benchmarks into build/bench
 
 bench-tension: setup  ## time the tension distribution
 	@mkdir -p build/bench
@@ -64,6 +67,14 @@ bench-workspace: setup  ## time workspace grids beside linear programmes
 bench-simulation: setup  ## time the simulated rig against the wall clock
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_simulation.py $(ARGS)
+
+bench-stiffness: setup  ## identify simulated stiffness campaigns, hundreds of times
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_stiffness.py $(ARGS)
+
+bench-design: setup  ## count the loads that an optimal stiffness campaign saves
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_design.py $(ARGS)
 
 bench-registration: setup  ## compare the reflectors' registration with its covariance
 	@mkdir -p build/bench

@@ -1,0 +1,64 @@
+"""Node: joint commands that make up for the robot's giving way; service correct_joints."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from cabols_msgs.srv import CorrectJoints
+
+from cabols_control.configuration import read_yaml
+from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.ros.node import ControlNode, run_node
+from cabols_control.ros.parameters import declare
+from cabols_stiffness.compensation import correct
+from cabols_stiffness.result_file import from_mapping, tool_of
+from cabols_stiffness.robot import load_robot
+
+
+class CompensationNode(ControlNode):
+    """Answers with the model of one result.yaml; the tool is the one it was identified with."""
+
+    def __init__(self) -> None:
+        """Read the result.
+
+        Raises:
+            ConfigError: if a file cannot be used.
+        """
+        super().__init__("compensation")
+        path = declare(self, "result_file", "", "result.yaml of a stiffness campaign")
+        urdf = declare(self, "robot_file", "", "URDF of the robot; empty: the bench's IRB 1600")
+        frame = declare(self, "tool_frame", "", "link that carries the tool; empty: the last")
+        if not path:
+            raise ConfigError("result_file: expected the result.yaml of a campaign, got none")
+        content = read_yaml(path)
+        try:
+            self._result = from_mapping(content)
+            position, rotation = tool_of(content)
+        except CabolsError as error:
+            raise ConfigError(f"{path}: {error}") from error
+        self._robot = load_robot(urdf, frame, position, rotation)
+        self._service = self.create_service(CorrectJoints, "correct_joints", self._answer)
+
+    def _answer(self, request: Any, response: Any) -> Any:
+        try:
+            found = correct(self._result, self._robot, request.joints, request.wrench)
+        except CabolsError as error:
+            response.success, response.message = False, str(error)
+            return response
+        response.success = True
+        if found.prediction.extrapolated:
+            response.message = "a joint deflects farther than it did in the campaign"
+        response.deflection = found.prediction.deflection
+        response.covariance = found.prediction.covariance.ravel()
+        response.joints = found.joints
+        return response
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(CompensationNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
