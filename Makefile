@@ -13,7 +13,7 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 BIN = .venv/bin
 
 .PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
-.PHONY: bench-realtime faults setup lock clean
+.PHONY: bench-realtime faults setup lock clean campaign campaign-kills analyze bench-analysis
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -58,6 +58,19 @@ bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 
 faults: setup  ## break everything, 20 times each, in the loaded rig (two hours; goes on where it was)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
+
+campaign: setup  ## a stiffness campaign on the simulated rig, and its report, into build/campaign
+	@.venv/lib/cabols_sim/campaign_bench --fresh $(ARGS)
+
+campaign-kills: setup  ## kill (-9) every node in turn during short campaigns; nothing may be lost
+	@.venv/lib/cabols_sim/campaign_kills $(ARGS)
+
+analyze: setup  ## analyse a campaign's folder or a bag: make analyze ARGS=FOLDER
+	@.venv/lib/cabols_stiffness/analyze $(or $(ARGS),build/campaign)
+
+bench-analysis: setup  ## memory and time of analysing bags of up to an hour
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_analysis.py $(ARGS)
 
 setup:  ## make .venv and build the workspace into it (done by the others when needed)
 	@test -n "$(HOST_PYTHON)" || { echo "setup: no Python found." \
