@@ -155,6 +155,7 @@ class Argument:
         nodes: executables that get it as a parameter; empty: the graph itself uses it.
         kinds: "bench", "rig" or both.
         parameter: the nodes' name for it, where that differs.
+        below: by executable, how much less than the value that node gets.
     """
 
     name: str
@@ -163,6 +164,11 @@ class Argument:
     nodes: tuple[str, ...]
     kinds: tuple[str, ...] = ("bench", "rig")
     parameter: str = ""
+    below: dict[str, int] = field(default_factory=dict)
+
+    def value_for(self, executable: str, value: Any) -> Any:
+        """Return what one node gets of a value."""
+        return value - self.below[executable] if executable in self.below else value
 
 
 _BRIDGES = ("plant", "q8_ati_bridge")
@@ -170,7 +176,8 @@ _LOOPS = (*_BRIDGES, "limb_controller", "wrench_controller")
 _ROBOT = ("abb_tracker_bridge",)
 _DEVICES = "device_simulator"
 _CAMPAIGN = tuple(node.executable for node in CAMPAIGN)
-_ALL = (*_LOOPS, "supervisor", "load_program", "recorder", *_ROBOT, *_CAMPAIGN)
+_BESIDE = ("supervisor", "load_program", "recorder", *_ROBOT, *_CAMPAIGN)
+_ALL = (*_LOOPS, *_BESIDE)
 ARGUMENTS = (
     Argument("geometry_file", "", "YAML of the geometry; empty: reference bench", _ALL),
     Argument("limbs_file", "", "YAML of the limbs; empty: reference bench", _ALL),
@@ -198,26 +205,30 @@ ARGUMENTS = (
     Argument(
         "fifo_priority",
         0,
-        "SCHED_FIFO priority of bridge and limb controller; 0: none",
-        (*_BRIDGES, "limb_controller"),
+        "SCHED_FIFO priority of bridge and limb controller, from 3; the wrench controller gets 1 "
+        "less, the other nodes, whose locks the loops may meet, 2 less; 0: none",
+        (*_ALL, _DEVICES),
+        below={"wrench_controller": 1, **dict.fromkeys((*_BESIDE, _DEVICES), 2)},
     ),
     Argument(
-        "background_fifo_priority",
-        0,
-        "the same for the other nodes, whose locks the loops may meet; below fifo_priority",
-        ("wrench_controller", "supervisor", "load_program", "recorder", *_ROBOT, *_CAMPAIGN),
-        parameter="fifo_priority",
+        "cpu_latency_us",
+        -1,
+        "us, longest wake-up of any core while the bridge runs; 0: cores poll, -1: leave",
+        _BRIDGES,
     ),
     Argument(
-        "cpu", -1, "core for bridge and limb controller; -1: any", (*_BRIDGES, "limb_controller")
+        "cpu",
+        -1,
+        "core for the bridge, the robot's bridge and the simulated devices; -1: any",
+        (*_BRIDGES, *_ROBOT, _DEVICES),
     ),
     Argument(
         "other_cpu",
         -1,
         "core for the other nodes; -1: any",
         (
-            *("wrench_controller", "supervisor", "load_program", "recorder"),
-            *(*_ROBOT, _DEVICES, *_CAMPAIGN),
+            *("limb_controller", "wrench_controller"),
+            *("supervisor", "load_program", "recorder", *_CAMPAIGN),
         ),
         parameter="cpu",
     ),
@@ -251,7 +262,7 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
     found = []
     for node in nodes:
         meant = {
-            a.parameter or a.name: values[a.name]
+            a.parameter or a.name: a.value_for(node.executable, values[a.name])
             for a in ARGUMENTS
             if node.executable in a.nodes and values.get(a.name, a.default) != a.default
         }

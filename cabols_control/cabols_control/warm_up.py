@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cabols_control.limb import identify_limb
@@ -32,7 +30,7 @@ def warm_limbs(rig: Rig, sample: LimbSample | None = None) -> None:
     for k, mode in enumerate(modes):
         stamp_s = 0.001 * k
         setpoint = TensionSetpoint(stamp_s, np.full(n, 10.0), True)
-        controller.step(replace(sample, stamp_s=stamp_s), mode, setpoint)
+        controller.step(sample._replace(stamp_s=stamp_s), mode, setpoint)
 
 
 def warm_wrenches(rig: Rig) -> None:

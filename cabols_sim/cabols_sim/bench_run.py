@@ -11,6 +11,7 @@ from typing import Any
 
 from cabols_control.graph import NodeSpec, Ports, bench_graph, with_arguments
 from cabols_control.processes import Ended, run
+from cabols_control.realtime import may_limit_wake_up, may_use_fifo
 
 SAFE_DOMAINS = (1, 101)
 """Domain ids whose ports do not reach into Linux' ephemeral range."""
@@ -39,14 +40,24 @@ def ports_of(domain: int) -> Ports:
     return Ports(first, first + 1, first + 2, first + 3)
 
 
-def two_cores() -> dict[str, int]:
-    """Return arguments that keep the path from sample to command on one core, the rest on another.
+FIFO_PRIORITY = 50
 
-    Waking a process on the same core is far cheaper, above all on a virtual machine. Empty with
-    one core only.
+
+def real_time_arguments() -> dict[str, int]:
+    """Return arguments for the least delay between bridge and limb controller that is to be had.
+
+    Each on a core of its own that does not fall asleep, and before other work, as far as the
+    kernel lets this process ask for it (root may; see docs/installing.md).
     """
+    found: dict[str, int] = {}
     cores = sorted(os.sched_getaffinity(0))
-    return {"cpu": cores[0], "other_cpu": cores[1]} if len(cores) > 1 else {}
+    if len(cores) > 1:
+        found.update(cpu=cores[0], other_cpu=cores[1])
+    if may_use_fifo():
+        found.update(fifo_priority=FIFO_PRIORITY)
+    if may_limit_wake_up():
+        found.update(cpu_latency_us=0)
+    return found
 
 
 def forgiving(speed: float = 1.0, stall_s: float = 0.1) -> dict[str, float]:

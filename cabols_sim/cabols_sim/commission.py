@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.graph import NodeSpec
-from cabols_sim.bench_run import forgiving, run_bench, two_cores
+from cabols_sim.bench_run import forgiving, real_time_arguments, run_bench
 
 TOOL = "commission"
 
@@ -37,7 +37,7 @@ def main() -> int:
         "seed": arguments.seed,
         "speed": arguments.speed,
         **forgiving(arguments.speed),
-        **two_cores(),
+        **real_time_arguments(),
     }
     limbs = ", ".join(str(limb) for limb in arguments.limb or [])
     pace = "real time" if arguments.speed == 1.0 else f"{arguments.speed:g} of real time"

@@ -19,7 +19,7 @@ from typing import Any
 from cabols_control.processes import Ended
 from cabols_control.programs import BUILT_IN, load_program
 from cabols_control.rig import load_rig
-from cabols_sim.bench_run import forgiving, isolated_environment, run_bench, two_cores
+from cabols_sim.bench_run import forgiving, isolated_environment, real_time_arguments, run_bench
 
 EVENTS = ("mode ", "programme", "error", "ERROR", "WARN", "Error", "lost")
 
@@ -91,7 +91,8 @@ def main() -> int:
         flush=True,
     )
     environment = isolated_environment()
-    values = {**_values(arguments, bag, program.name), **two_cores()}
+    asked = {} if arguments.plain else real_time_arguments()
+    values = {**_values(arguments, bag, program.name), **asked}
     with Progress(program.duration) as progress:
         story, on_start = None, None
         if story_module is not None:
@@ -119,7 +120,6 @@ def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str,
     values = {
         "output": str(bag),
         "description": f"{program}, scale 1, simulated rig, seed {arguments.seed}",
-        "fifo_priority": arguments.fifo_priority,
         "seed": arguments.seed,
         "linear": arguments.linear,
         "speed": arguments.speed,
@@ -174,11 +174,9 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--linear", action="store_true", help="simulate the linear plant")
     parser.add_argument(
-        "--fifo-priority",
-        type=int,
-        default=0,
-        help="SCHED_FIFO priority of bridge and limb controller, 0 for none; a warning tells "
-        "where it is refused (default: %(default)s)",
+        "--plain",
+        action="store_true",
+        help="ask the kernel for nothing: no cores, no SCHED_FIFO, no limit on wake-up times",
     )
     return parser.parse_args()
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import signal
 import sys
 import threading
 from collections.abc import Sequence
 
 from cabols_control.errors import CabolsError
+from cabols_control.realtime import Scheduling, apply_scheduling
 from cabols_hw.abb.configurations import load_configurations
 from cabols_sim.abb.controller import PASSWORD, USER, AbbController
 from cabols_sim.abb.egm_server import DEFAULT_EGM_PORT
@@ -38,6 +38,7 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--user", default=USER, help="of RWS")
     add("--password", default=PASSWORD, help="of RWS")
     add("--cpu", type=int, default=-1, help="core to run on; -1: any")
+    add("--fifo_priority", type=int, default=0, help="SCHED_FIFO priority; 0: none")
     add("--seed", type=int, default=0, help="of lost packets")
     given = list(sys.argv[1:] if arguments is None else arguments)
     # `ros2 launch` adds arguments for a node, which this is not.
@@ -56,8 +57,8 @@ def _tracker(link: DeviceLink, options: argparse.Namespace) -> TrackerServer | N
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM."""
     options = _arguments(arguments)
-    if options.cpu >= 0:
-        os.sched_setaffinity(0, {options.cpu})
+    scheduling = Scheduling(fifo_priority=options.fifo_priority, cpu=options.cpu)
+    apply_scheduling(scheduling, lambda text: print(f"warning: {text}", file=sys.stderr))
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())

@@ -1,8 +1,10 @@
 """The control loop in real time: delay, late and lost cycles, CPU, beside two yardsticks.
 
 The graph runs twice: with a rigid target, and with all bridges (robot and tracker on simulated
-devices). The yardsticks (a plain rclpy executor echo pair, a bare 1 kHz timer) run before, between
-and after on the same machine with the same scheduling class; their figures are pooled.
+devices), with what real_time_arguments() gets from the kernel. The yardsticks (a plain rclpy
+executor echo pair, a bare 1 kHz timer) run before, between and after on the same machine, as any
+program runs; their figures are pooled. Beside them, for comparison and not for the targets, the
+same two with SCHED_FIFO and cores that do not sleep.
 """
 
 from __future__ import annotations
@@ -12,11 +14,13 @@ import json
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +28,8 @@ import numpy as np
 import psutil
 
 from cabols_control.bags.reader import read_bag
-from cabols_sim.bench_run import isolated_environment, run_bench, two_cores
+from cabols_control.realtime import PM_QOS
+from cabols_sim.bench_run import isolated_environment, real_time_arguments, run_bench
 
 CONTROL_TOPICS = ("limb_state", "wrench", "motor_current", "tension_command", "desired_wrench")
 ROBOT_TOPICS = ("platform_pose", "joint_states")
@@ -39,29 +44,29 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=Path("build/bench/realtime.json"))
     parser.add_argument("--seconds", type=float, default=60.0, help="of each graph")
     parser.add_argument("--yardstick-seconds", type=float, default=10.0, help="of each, thrice")
-    parser.add_argument("--any-core", action="store_true", help="do not give cores to the nodes")
-    parser.add_argument("--fifo-priority", type=int, default=0, help="SCHED_FIFO; 0 for none")
+    parser.add_argument("--plain", action="store_true", help="ask the kernel for nothing")
     arguments = parser.parse_args()
     environment = isolated_environment()
     folder = arguments.output.parent / "realtime"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    fifo, short = arguments.fifo_priority, arguments.yardstick_seconds
-    cores = {} if arguments.any_core else two_cores()
-    echoes: list[Any] = []
-    timers: list[Any] = []
+    asked = {} if arguments.plain else real_time_arguments()
+    yardsticks = [Yardsticks(environment, arguments.yardstick_seconds, {})]
+    if asked:
+        yardsticks.append(Yardsticks(environment, arguments.yardstick_seconds, asked))
     runs = {}
-    _measure(echoes, timers, environment, short, fifo)
+    measure(yardsticks)
     for name, robot in GRAPHS.items():
         words = name.replace("_", " ")
         print(f"graph: {words}, with recorder, {arguments.seconds:.0f} s", flush=True)
-        values = {"robot": robot, "fifo_priority": fifo, **cores}
+        values = {"robot": robot, **asked}
         runs[name] = _graph(folder / name, environment, arguments.seconds, values)
-        _measure(echoes, timers, environment, short, fifo)
-    yard = _yard(echoes, timers)
+        measure(yardsticks)
+    yard = yardsticks[0].figures()
     figures = {
-        "fifo_priority": fifo,
+        "asked_of_the_kernel": asked,
         **yard,
+        "yardsticks_alike": yardsticks[-1].figures(),
         **{name: _figures(run, yard, GRAPHS[name]) for name, run in runs.items()},
     }
     arguments.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
@@ -69,19 +74,62 @@ def main() -> int:
     return 0
 
 
-def _measure(
-    echoes: list[Any], timers: list[Any], environment: dict[str, str], seconds: float, fifo: int
-) -> None:
-    print(f"yardsticks: bare timer and echo pair, {seconds:.0f} s each", flush=True)
-    python = [sys.executable, str(YARDSTICKS)]
-    arguments = [str(seconds), str(fifo)]
-    where = {**os.environ, **environment}
-    timers.append(_json([*python, "timer", *arguments], where))
-    with subprocess.Popen([*python, "echo", str(fifo)], env=where) as partner:
-        try:
-            echoes.append(_json([*python, "ping", *arguments], where))
-        finally:
-            partner.send_signal(signal.SIGINT)
+class Yardsticks:
+    """Echo pair and bare timer, run a few times with the same scheduling.
+
+    Attributes:
+        asked: what they ask of the kernel, as in real_time_arguments(); cores are left to it.
+    """
+
+    def __init__(self, environment: dict[str, str], seconds: float, asked: dict[str, int]) -> None:
+        self._environment = {**os.environ, **environment}
+        self._seconds = str(seconds)
+        self._fifo = str(asked.get("fifo_priority", 0))
+        self._latency = asked.get("cpu_latency_us", -1)
+        self.asked = asked
+        self._echoes: list[dict[str, float]] = []
+        self._timers: list[dict[str, float]] = []
+
+    def measure(self) -> None:
+        """Run both once."""
+        python, where = [sys.executable, str(YARDSTICKS)], self._environment
+        arguments = [self._seconds, self._fifo]
+        with _awake(self._latency):
+            self._timers.append(_json([*python, "timer", *arguments], where))
+            with subprocess.Popen([*python, "echo", self._fifo], env=where) as partner:
+                try:
+                    self._echoes.append(_json([*python, "ping", *arguments], where))
+                finally:
+                    partner.send_signal(signal.SIGINT)
+
+    def figures(self) -> dict[str, float]:
+        """Pool the runs."""
+        echoes, timers = self._echoes, self._timers
+        return {
+            "echo_median_s": float(np.median([e["round_trip_median_s"] for e in echoes])),
+            "echo_p99_s": float(np.median([e["round_trip_p99_s"] for e in echoes])),
+            "timer_late_percent": float(np.mean([t["late_percent"] for t in timers])),
+            "timer_behind_median_s": float(np.median([t["behind_median_s"] for t in timers])),
+        }
+
+
+@contextmanager
+def _awake(latency_us: int) -> Iterator[None]:
+    """Limit the cores' wake-up time; -1 leaves it."""
+    if latency_us < 0:
+        yield
+        return
+    with PM_QOS.open("wb", buffering=0) as limit:
+        limit.write(struct.pack("i", latency_us))
+        yield
+
+
+def measure(yardsticks: list[Yardsticks]) -> None:
+    """Run all yardsticks once."""
+    for item in yardsticks:
+        how = "asking the kernel for the same as the graph" if item.asked else "plain"
+        print(f"yardsticks: bare timer and echo pair, {how}", flush=True)
+        item.measure()
 
 
 def _json(command: list[str], environment: dict[str, str]) -> dict[str, float]:
@@ -149,15 +197,6 @@ def _watch_cpu(pids: dict[str, int], cpu: dict[str, float], seconds: float) -> N
         cpu[name] = 100.0 * (sum(process.cpu_times()[:2]) - first[name]) / span
 
 
-def _yard(echoes: list[dict[str, float]], timers: list[dict[str, float]]) -> dict[str, float]:
-    return {
-        "echo_median_s": float(np.median([e["round_trip_median_s"] for e in echoes])),
-        "echo_p99_s": float(np.median([e["round_trip_p99_s"] for e in echoes])),
-        "timer_late_percent": float(np.mean([t["late_percent"] for t in timers])),
-        "timer_behind_median_s": float(np.median([t["behind_median_s"] for t in timers])),
-    }
-
-
 def _figures(graph: dict[str, Any], yard: dict[str, float], robot: bool) -> dict[str, Any]:
     topics = CONTROL_TOPICS + (ROBOT_TOPICS if robot else ROBOT_TOPICS[:1])
     bag = read_bag(graph["bag"], (*topics, "mode", "loop_status"))
@@ -213,26 +252,33 @@ def _table(f: dict[str, Any]) -> str:
     def row(label: str, cell: Callable[[dict[str, Any]], str], yard: str = "") -> str:
         return f"{label:34}" + "".join(f"{cell(run):>22}" for run in runs) + f"{yard:>24}"
 
+    alike = f["yardsticks_alike"]
+
+    def yards(key: str, factor: float, digits: int) -> str:
+        return f"{factor * f[key]:.{digits}f} / {factor * alike[key]:.{digits}f}"
+
     lines = [
-        f"{'':34}" + "".join(f"{name.replace('_', ' '):>22}" for name in GRAPHS) + f"{'yard':>24}",
+        f"{'':34}"
+        + "".join(f"{name.replace('_', ' '):>22}" for name in GRAPHS)
+        + f"{'yard, plain / alike':>24}",
         row(
             "round trip, median [us]",
             lambda r: f"{1e6 * r['round_trip_median_s']:.0f}",
-            f"echo pair {1e6 * f['echo_median_s']:.0f}",
+            f"echo {yards('echo_median_s', 1e6, 0)}",
         ),
         row(
             "round trip, p99 [us]",
             lambda r: f"{1e6 * r['round_trip_p99_s']:.0f}",
-            f"echo pair {1e6 * f['echo_p99_s']:.0f}",
+            f"echo {yards('echo_p99_s', 1e6, 0)}",
         ),
         row(
             "median over echo's (target 0.50)",
             lambda r: f"{r['round_trip_over_echo']:.2f} {met(r, 'round_trip_met')}",
         ),
         row(
-            "late cycles [%] (target yard + 0.5)",
+            "late [%] (target yard + 0.5)",
             lambda r: f"{r['late_percent']:.2f} {met(r, 'late_met')}",
-            f"bare timer {f['timer_late_percent']:.2f}",
+            f"timer {yards('timer_late_percent', 1.0, 2)}",
         ),
         row("cycles", lambda r: str(r["cycles"])),
         row("not in the bag: states", lambda r: str(r["states_missing_in_bag"])),

@@ -23,12 +23,12 @@ from cabols_control.bags.scan import first_stamp
 from cabols_control.bags.writer import BagWriter
 from cabols_control.configuration import packaged
 from cabols_control.errors import ConfigError
+from cabols_control.realtime import collect_young
 from cabols_control.ros import topics
 from cabols_control.ros.loop import IDLE_NS, LoopGroup, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
-from cabols_control.ros.realtime import collect_young
 
 QUEUE_DEPTH = 4000
 GATHER_S = 0.02

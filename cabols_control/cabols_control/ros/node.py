@@ -12,6 +12,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from cabols_control.errors import CabolsError
+from cabols_control.realtime import apply_scheduling, collect_young, freeze_garbage, give_back
 from cabols_control.ros import topics
 from cabols_control.ros.diagnostics import Diagnostics
 from cabols_control.ros.loop import Output
@@ -22,7 +23,6 @@ from cabols_control.ros.parameters import (
     declare_scheduling,
 )
 from cabols_control.ros.qos import status_qos
-from cabols_control.ros.realtime import apply_scheduling, collect_young, freeze_garbage
 from cabols_control.ros.statistics import Durations
 from cabols_control.specialisations import compiled_since, specialisations
 
@@ -210,6 +210,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
             raise
     finally:
         node.end()
+        give_back()
         node.complain_of_compiling()
         failure = node.failure
         executor.remove_node(node)

@@ -7,8 +7,8 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
+from cabols_control.realtime import Scheduling
 from cabols_control.rig import Rig, load_rig
-from cabols_control.ros.realtime import Scheduling
 
 
 def declare(
@@ -64,4 +64,11 @@ def declare_scheduling(node: Node) -> Scheduling:
         ),
         lock_memory=declare(node, "lock_memory", False, "lock all pages in memory"),
         cpu=declare(node, "cpu", -1, "core to run on; -1: any", (-1, 1023)),
+        cpu_latency_us=declare(
+            node,
+            "cpu_latency_us",
+            -1,
+            "us, longest wake-up of any core; 0: cores poll instead of sleeping, -1: leave",
+            (-1, 1_000_000),
+        ),
     )

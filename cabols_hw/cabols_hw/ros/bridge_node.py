@@ -191,7 +191,6 @@ class BridgeNode(ControlNode):
             sample = self.daq.read()
             started = time.monotonic_ns()
             self._handle(sample)
-            self._supervise(sample)
             self.status.work.add(1e-9 * (time.monotonic_ns() - started))
             self._report(sample.time_ns)
 
@@ -209,7 +208,6 @@ class BridgeNode(ControlNode):
         while self._running() and not self.finished():
             sample = self.daq.read()
             self._handle(sample)
-            self._supervise(sample)
             self._wait_for_answers(wait_set, sample.time_ns)
             self._report(sample.time_ns)
 
@@ -236,10 +234,15 @@ class BridgeNode(ControlNode):
         return [item for item in self._answers if item.stamp_ns < stamp_ns]
 
     def _handle(self, sample: CardSample) -> None:
-        """Turn one sample into messages and send them."""
+        """Judge one sample, turn it into messages and send them.
+
+        What is to be done for safety comes first, and nothing after the sending, so that this
+        process is free when the answer comes.
+        """
         with self._lock:
             self.bridge.take(sample, self._mode)
             current = 0.0 if self.daq.watchdog_expired else self.bridge.current
+        self._supervise(sample)
         self._sequence += 1
         self._newest_s = 1e-9 * sample.time_ns
         state, wrench = self._state, self._wrench
@@ -269,6 +272,7 @@ class BridgeNode(ControlNode):
 
     def _accept_current(self) -> None:
         """Check one motor_current and put it on the amplifiers at once."""
+        now_ns = time.monotonic_ns()
         record = self._current_input.record
         sequence = int(record["sequence"])
         limbs, current = record["limb"], record["current"]
@@ -285,7 +289,6 @@ class BridgeNode(ControlNode):
                 f"{current.tolist()} for {limbs.tolist()}"
             )
             return
-        now_ns = time.monotonic_ns()
         if self._answered and sequence > self._answered + 1:
             self.status.lost += sequence - self._answered - 1
         self._answered = sequence

@@ -14,7 +14,7 @@ import threading
 import time
 from pathlib import Path
 
-from cabols_sim.bench_run import isolated_environment, run_bench, two_cores
+from cabols_sim.bench_run import isolated_environment, real_time_arguments, run_bench
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
@@ -127,7 +127,7 @@ def _run(options: argparse.Namespace, campaign: Campaign) -> bool:
         "truth": True,
         "speed": options.speed,
         "stale_after": 0.05 / options.speed,
-        **two_cores(),
+        **real_time_arguments(),
     }
     restart_s = RESTART_S / options.speed
     run_bench(values, lambda *_: None, log, environment, start, respawn_s=restart_s)

@@ -222,6 +222,16 @@ class RigWatch:
         self.wait(future.done, f"the answer of {client.srv_name}", seconds)
         return future.result()
 
+    def _ask(self, send: Callable[[], Any], what: str, seconds: float) -> Any:
+        """Send an action's request from the executor's thread; return the answer.
+
+        rclpy notes a request as pending only after it has been sent: from another thread an answer
+        that comes at once would find nobody waiting.
+        """
+        task = self._executor.create_task(send)
+        self.wait(lambda: task.done() and task.result().done(), what, seconds)
+        return task.result().result()
+
     def inject(self, fault: str, limb: int = -1, value: float = 0.0) -> float:
         """Inject a fault; return the plant's time of it [s]."""
         request = InjectFault.Request(fault=fault, limb=limb, value=value)
@@ -257,17 +267,17 @@ class RigWatch:
         """Start a load programme; return the goal's handle."""
         if not self._program.wait_for_server(timeout_sec=seconds):
             raise RigError(f"no action run_program within {seconds:g} s")
-        future = self._program.send_goal_async(RunProgram.Goal(program=path))
-        self.wait(future.done, "run_program's acceptance", seconds)
-        handle = future.result()
+        goal = RunProgram.Goal(program=path)
+        handle = self._ask(
+            lambda: self._program.send_goal_async(goal), "run_program's acceptance", seconds
+        )
         if not handle.accepted:
             raise RigError(f"run_program refused {path}")
         return handle
 
     def cancel(self, handle: Any, seconds: float = 10.0) -> None:
         """Cancel a goal."""
-        future = handle.cancel_goal_async()
-        self.wait(future.done, "the cancellation", seconds)
+        self._ask(handle.cancel_goal_async, "the cancellation", seconds)
 
     def demand(self, wrench: FloatArray) -> None:
         """Publish one desired wrench (6,), base axes."""
@@ -287,11 +297,11 @@ class RigWatch:
         """Measure reflector 0; return why it failed, empty if it did not."""
         if not self._measure.wait_for_server(timeout_sec=seconds):
             raise RigError(f"no action measure_reflector within {seconds:g} s")
-        future = self._measure.send_goal_async(MeasureReflector.Goal(reflector=0, search=True))
-        self.wait(future.done, "measure_reflector's acceptance", seconds)
-        result = future.result().get_result_async()
-        self.wait(result.done, "the measurement", seconds)
-        answer = result.result().result
+        goal = MeasureReflector.Goal(reflector=0, search=True)
+        handle = self._ask(
+            lambda: self._measure.send_goal_async(goal), "measure_reflector's acceptance", seconds
+        )
+        answer = self._ask(handle.get_result_async, "the measurement", seconds).result
         return "" if answer.success else str(answer.message)
 
     def complain(self, report: Report) -> None:

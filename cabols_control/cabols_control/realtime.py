@@ -1,16 +1,20 @@
-"""Scheduling of a control process: real-time class, memory, core, garbage; by parameter."""
+"""Scheduling of a control process: real-time class, memory, core, idle states; by parameter."""
 
 from __future__ import annotations
 
 import ctypes
 import gc
 import os
+import struct
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 MCL_CURRENT_AND_FUTURE = 3
+PM_QOS = Path("/dev/cpu_dma_latency")
+"""The kernel keeps what is written here for as long as the file is open."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +25,14 @@ class Scheduling:
         fifo_priority: SCHED_FIFO priority of all the process' threads, 1 to 99; 0 leaves them.
         lock_memory: whether to lock all pages.
         cpu: core to run on; -1 for any.
+        cpu_latency_us: how long a core may take to wake from an idle state [us]; 0: cores poll
+            instead of sleeping, -1: as the machine is set.
     """
 
     fifo_priority: int = 0
     lock_memory: bool = False
     cpu: int = -1
+    cpu_latency_us: int = -1
 
 
 def apply_scheduling(wanted: Scheduling, warn: Callable[[str], object]) -> None:
@@ -50,6 +57,56 @@ def apply_scheduling(wanted: Scheduling, warn: Callable[[str], object]) -> None:
         if libc.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
             reason = os.strerror(ctypes.get_errno())
             warn(f"memory not locked ({reason}): allow it with `ulimit -l unlimited`")
+    if wanted.cpu_latency_us >= 0:
+        _limit_wake_up(wanted.cpu_latency_us, warn)
+
+
+def give_back() -> None:
+    """Return all threads to the ordinary scheduling class.
+
+    For the end of a process: taking it down costs up to half a second of a core, which others on
+    that core still need.
+    """
+    ordinary = os.sched_param(0)
+    _for_all_threads(
+        lambda tid: os.sched_setscheduler(tid, os.SCHED_OTHER, ordinary), "", lambda _: None
+    )
+
+
+def may_use_fifo() -> bool:
+    """Whether the kernel lets this process use SCHED_FIFO; tried in a thread that then ends."""
+    granted = []
+
+    def attempt() -> None:
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+            granted.append(True)
+
+    thread = threading.Thread(target=attempt)
+    thread.start()
+    thread.join()
+    return bool(granted)
+
+
+def may_limit_wake_up() -> bool:
+    """Whether this process may write the kernel's limit on wake-up times."""
+    return os.access(PM_QOS, os.W_OK)
+
+
+_held: list[int] = []
+"""Descriptors of PM_QOS, open until the process ends."""
+
+
+def _limit_wake_up(latency_us: int, warn: Callable[[str], object]) -> None:
+    if _held:
+        return
+    try:
+        descriptor = os.open(PM_QOS, os.O_WRONLY)
+        os.write(descriptor, struct.pack("i", latency_us))
+    except OSError as error:
+        warn(f"not granted: {PM_QOS}: {error.strerror}; cores may sleep between samples")
+    else:
+        _held.append(descriptor)
 
 
 def _for_all_threads(
