@@ -13,7 +13,8 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 BIN = .venv/bin
 
 .PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
-.PHONY: bench-realtime faults setup lock clean campaign campaign-kills analyze bench-analysis
+.PHONY: bench-stiffness bench-design bench-analysis bench-realtime faults setup lock clean
+.PHONY: campaign campaign-kills analyze
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -38,7 +39,7 @@ format: setup  ## mend style where a tool can
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
 
-bench: bench-tension bench-simulation bench-registration bench-realtime  ## run all benchmarks into build/bench
+bench: bench-tension bench-simulation bench-registration bench-stiffness bench-design bench-realtime  ## run all benchmarks into build/bench
 
 bench-tension: setup  ## time the tension distribution
 	@mkdir -p build/bench
@@ -47,6 +48,14 @@ bench-tension: setup  ## time the tension distribution
 bench-simulation: setup  ## time the simulated rig against the wall clock
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_simulation.py $(ARGS)
+
+bench-stiffness: setup  ## identify simulated stiffness campaigns, hundreds of times
+	@mkdir -p build/bench
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/bench_stiffness.py $(ARGS)
+
+bench-design: setup  ## count the loads that an optimal stiffness campaign saves
+	@mkdir -p build/bench
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/bench_design.py $(ARGS)
 
 bench-registration: setup  ## compare the reflectors' registration with its covariance
 	@mkdir -p build/bench

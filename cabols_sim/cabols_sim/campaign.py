@@ -90,10 +90,11 @@ def show(node: str, line: str) -> None:
         print(f"  {node}: {line.rpartition(']: ')[2]}", flush=True)
 
 
-def analyse(folder: Path) -> int:
+def analyse(folder: Path, quiet: bool = False) -> int:
     """Analyse a campaign's bags with the tool of its package; return its exit code."""
     command = [str(executable_path("cabols_stiffness", "analyze")), str(folder)]
-    return subprocess.run(command, check=False).returncode
+    output = subprocess.DEVNULL if quiet else None
+    return subprocess.run(command, check=False, stdout=output).returncode
 
 
 def compare(folder: Path, robot_file: str = "") -> tuple[str, float]:

@@ -159,7 +159,7 @@ def main() -> int:
         f"kills: a short campaign, undisturbed, then {len(options.node)} nodes in turn", flush=True
     )
     ended = undisturbed.run(lambda *_: None)
-    if ended.first != TOOL or ended.code != 0 or analyse(undisturbed.folder) != 0:
+    if ended.first != TOOL or ended.code != 0 or analyse(undisturbed.folder, True) != 0:
         print(f"error: undisturbed: {ended.first} ended with code {ended.code}", file=sys.stderr)
         return 1
     wanted, (value, deviation) = keys(undisturbed.folder), stiffness(undisturbed.folder)
@@ -170,7 +170,7 @@ def main() -> int:
         before, kept, downtime_s = run_trial(campaign, victim, after)
         complete = keys(campaign.folder) == wanted
         difference = np.inf
-        if analyse(campaign.folder) == 0:
+        if analyse(campaign.folder, True) == 0:
             found, spread = stiffness(campaign.folder)
             difference = float(np.nanmax(np.abs(found - value) / np.hypot(spread, deviation)))
         total = len(finished(campaign.folder))
