@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -111,16 +112,24 @@ class Killer:
         folder, give_up = self._campaign.folder, time.monotonic() + PATIENCE_S
         while len(finished(folder)) < self._after and time.monotonic() < give_up:
             time.sleep(0.02)
-        os.kill(pids[self._victim], signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            # Who is gone already shows in how the run ended: it was not this kill.
+            os.kill(pids[self._victim], signal.SIGKILL)
         self.killed_at = time.monotonic()
         # A line that is being written at this very moment is finished, too, if it is whole.
         self.before = (folder / "samples.csv").read_bytes()
 
 
 def run_trial(campaign: BenchCampaign, victim: str, after: int) -> tuple[int, bool, float]:
-    """Kill, then go on; return loads before, whether they were kept, and the time lost [s]."""
+    """Kill, then go on.
+
+    Returns:
+        Loads before, whether they were kept (False, too, if the victim did not end by the kill),
+        and the time lost [s].
+    """
     killer = Killer(campaign, victim, after)
-    campaign.run(lambda *_: None, killer.start, isolated_environment())
+    ended = campaign.run(lambda *_: None, killer.start, isolated_environment())
+    killed = ended.codes.get(victim) == -signal.SIGKILL
     before = killer.before[: killer.before.rfind(b"\n") + 1]
     count = before.count(b"\n") - 1
     first: list[float] = []
@@ -136,7 +145,7 @@ def run_trial(campaign: BenchCampaign, victim: str, after: int) -> tuple[int, bo
 
     campaign.run(lambda *_: None, look, isolated_environment())
     kept = (campaign.folder / "samples.csv").read_bytes().startswith(before)
-    return count, kept, (first[0] if first else np.nan) - killer.killed_at
+    return count, kept and killed, (first[0] if first else np.nan) - killer.killed_at
 
 
 def stiffness(folder: Path) -> tuple[np.ndarray, np.ndarray]:
