@@ -17,7 +17,7 @@ import yaml
 from cabols_control.configuration import load_config, packaged
 from cabols_control.graph import NodeSpec
 from cabols_control.processes import Ended, executable_path
-from cabols_sim.bench_run import isolated_environment, run_bench
+from cabols_sim.bench_run import forgiving, isolated_environment, run_bench, two_cores
 from cabols_sim.commission import ToolSpec
 from cabols_sim.robot.robot_config import RobotConfig
 
@@ -51,7 +51,9 @@ class BenchCampaign:
 
     def values(self) -> dict[str, Any]:
         """Arguments of the graph."""
+        pace = {**forgiving(), **two_cores()} if self.real_time else {}
         return {
+            **pace,
             "campaign": True,
             "robot": True,
             # The campaign records what its analysis needs by itself.
@@ -59,8 +61,7 @@ class BenchCampaign:
             "lockstep": not self.real_time,
             "seed": self.seed,
             "robot_file": self.robot_file,
-            "stale_after": STALE_S,
-            "state_timeout": STALE_S,
+            **({} if self.real_time else {"stale_after": STALE_S, "state_timeout": STALE_S}),
         }
 
     def tool(self) -> NodeSpec:

@@ -121,7 +121,7 @@ class Killer:
 
 
 def run_trial(campaign: BenchCampaign, victim: str, after: int) -> tuple[int, bool, float]:
-    """Kill, then go on.
+    """Kill, then go on; KeyboardInterrupt after Ctrl-C.
 
     Returns:
         Loads before, whether they were kept (False, too, if the victim did not end by the kill),
@@ -129,6 +129,8 @@ def run_trial(campaign: BenchCampaign, victim: str, after: int) -> tuple[int, bo
     """
     killer = Killer(campaign, victim, after)
     ended = campaign.run(lambda *_: None, killer.start, isolated_environment())
+    if not ended.first:
+        raise KeyboardInterrupt
     killed = ended.codes.get(victim) == -signal.SIGKILL
     before = killer.before[: killer.before.rfind(b"\n") + 1]
     count = before.count(b"\n") - 1
@@ -143,7 +145,8 @@ def run_trial(campaign: BenchCampaign, victim: str, after: int) -> tuple[int, bo
 
         threading.Thread(target=body, daemon=True).start()
 
-    campaign.run(lambda *_: None, look, isolated_environment())
+    if not campaign.run(lambda *_: None, look, isolated_environment()).first:
+        raise KeyboardInterrupt
     kept = (campaign.folder / "samples.csv").read_bytes().startswith(before)
     return count, kept and killed, (first[0] if first else np.nan) - killer.killed_at
 
@@ -157,8 +160,15 @@ def stiffness(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main() -> int:
-    """Run all trials; 0 if no kill did harm."""
-    options = _arguments()
+    """Run all trials; 0 if no kill did harm, 130 after Ctrl-C."""
+    try:
+        return _run(_arguments())
+    except KeyboardInterrupt:
+        print("interrupted: all nodes ended, motors at zero", flush=True)
+        return 130
+
+
+def _run(options: argparse.Namespace) -> int:
     output: Path = options.output
     shutil.rmtree(output, ignore_errors=True)
     file = output / "campaign.yaml"
@@ -168,6 +178,8 @@ def main() -> int:
         f"kills: a short campaign, undisturbed, then {len(options.node)} nodes in turn", flush=True
     )
     ended = undisturbed.run(lambda *_: None)
+    if not ended.first:
+        raise KeyboardInterrupt
     if ended.first != TOOL or ended.code != 0 or analyse(undisturbed.folder, True) != 0:
         print(f"error: undisturbed: {ended.first} ended with code {ended.code}", file=sys.stderr)
         return 1
