@@ -17,7 +17,7 @@ import yaml
 from cabols_control.configuration import load_config, packaged
 from cabols_control.graph import NodeSpec
 from cabols_control.processes import Ended, executable_path
-from cabols_sim.bench_run import forgiving, isolated_environment, run_bench, two_cores
+from cabols_sim.bench_run import forgiving, isolated_environment, real_time_arguments, run_bench
 from cabols_sim.commission import ToolSpec
 from cabols_sim.robot.robot_config import RobotConfig
 
@@ -51,7 +51,7 @@ class BenchCampaign:
 
     def values(self) -> dict[str, Any]:
         """Arguments of the graph."""
-        pace = {**forgiving(), **two_cores()} if self.real_time else {}
+        pace = {**forgiving(), **real_time_arguments()} if self.real_time else {}
         return {
             **pace,
             "campaign": True,
