@@ -19,6 +19,8 @@ from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_controller import DesiredWrench, WrenchController
 
 POSE_TIMEOUT_S = 0.5
+LOCKSTEP_EXCUSE_NS = 1_000_000_000
+"""Of this computer's time: a lockstep clock may run ahead of a process that the kernel stalls."""
 
 
 class WrenchControllerNode(ControlNode):
@@ -170,6 +172,7 @@ class WrenchControllerNode(ControlNode):
         if self._wanted_tension.error:
             self._refused = self._wanted_tension.error
         if self._wanted_tension.count == self._tension_count:
+            self._excuse_tension()
             return
         self._tension_count = self._wanted_tension.count
         record = self._wanted_tension.record
@@ -182,6 +185,13 @@ class WrenchControllerNode(ControlNode):
         else:
             self._refused = ""
             self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, values)
+
+    def _excuse_tension(self) -> None:
+        """In lockstep let an old value count while whoever asks cannot keep up with the clock."""
+        if not self.lockstep or self._tension is None:
+            return
+        if time.monotonic_ns() - self._wanted_tension.received_ns < LOCKSTEP_EXCUSE_NS:
+            self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, self._tension.tension)
 
     def _frame(self) -> str:
         if self._wanted.exact:
