@@ -69,7 +69,7 @@ faults: setup  ## break everything, 20 times each, in the loaded rig (two hours;
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
 
 campaign: setup  ## a stiffness campaign on the simulated rig, and its report, into build/campaign
-	@.venv/lib/cabols_sim/campaign_bench --fresh $(ARGS)
+	@.venv/lib/cabols_sim/campaign_bench $(ARGS)
 
 campaign-kills: setup  ## kill (-9) every node in turn during short campaigns; nothing may be lost
 	@.venv/lib/cabols_sim/campaign_kills $(ARGS)

@@ -22,6 +22,8 @@ from cabols_sim.commission import ToolSpec
 from cabols_sim.robot.robot_config import RobotConfig
 
 TOOL = "run_campaign"
+COMPLETE = "complete"
+"""File that tells the next call to begin anew."""
 STALE_S = 10.0
 """On the computer's clock: in lockstep the rig's time may stand for long without any harm."""
 WITHIN = 0.02
@@ -131,7 +133,8 @@ def compare(folder: Path, robot_file: str = "") -> tuple[str, float]:
 def main() -> int:
     """Run the campaign; 0 if every joint is within 2 %, 1 if not, 130 after Ctrl-C."""
     options = _arguments()
-    if options.fresh:
+    complete = options.output / COMPLETE
+    if options.fresh or complete.exists():
         shutil.rmtree(options.output, ignore_errors=True)
     campaign = BenchCampaign(
         options.output,
@@ -155,6 +158,7 @@ def main() -> int:
         log = options.output / "log" / f"{ended.first}.log"
         print(f"error: {ended.first} ended with code {ended.code}: {log}", file=sys.stderr)
         return 1
+    complete.touch()
     print(f"campaign: {took_s:.0f} s, with the start of all nodes", flush=True)
     code = analyse(options.output)
     if code != 0:
@@ -176,7 +180,7 @@ def _arguments() -> argparse.Namespace:
     add("--seed", type=int, default=0, help="of the simulated rig's noise")
     add("--robot-file", default="", help="YAML of the simulated robot; default: bench")
     add("--real-time", action="store_true", help="by the wall clock instead of lockstep")
-    add("--fresh", action="store_true", help="forget what is in the folder")
+    add("--fresh", action="store_true", help="do not go on with a campaign that was cut")
     return parser.parse_args()
 
 
