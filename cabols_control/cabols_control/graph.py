@@ -242,6 +242,10 @@ ARGUMENTS = (
         "state_timeout", 0.2, "s without a limb state until the supervisor stops", ("supervisor",)
     ),
     Argument("campaign", False, "with the nodes of stiffness campaigns", ()),
+    Argument(
+        "campaign_file", "", "campaign.yaml of campaigns that name none", ("stiffness_campaign",)
+    ),
+    Argument("campaign_folder", "", "folder of campaigns that name none", ("stiffness_campaign",)),
     Argument("auto_start", False, "pre-tighten and load without being asked", ("supervisor",)),
     Argument("plant_file", "", "YAML of the simulated rig; empty: bench", ("plant",), ("bench",)),
     Argument("linear", False, "simulate the linear plant", ("plant",), ("bench",)),
