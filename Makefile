@@ -14,10 +14,7 @@ HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 pytho
 	do command -v "$$name" && break; done)
 BIN = .venv/bin
 
-.PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
-.PHONY: dynamics fast-gains workspace design-geometry bench-workspace bench-methods
-.PHONY: dynamics fast-gains bench-stiffness bench-design
-.PHONY: bench-realtime faults setup lock clean
+.PHONY: $(shell sed -n 's/^\([a-z-]*\):.*/\1/p' Makefile)
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -50,7 +47,7 @@ format: setup  ## mend style where a tool can
 	@$(BIN)/ruff check --fix .
 
 bench: bench-tension bench-methods bench-workspace bench-simulation bench-registration
-bench: bench-stiffness bench-design bench-realtime  ## run all benchmarks into build/bench
+bench: bench-stiffness bench-design bench-analysis bench-realtime  ## run all benchmarks into build/bench
 
 bench-tension: setup  ## time the tension distribution
 	@mkdir -p build/bench
@@ -92,6 +89,19 @@ dynamics: setup  ## compute chapter 2, the 900 m case and the rig's vibration in
 
 fast-gains: setup  ## prove the faster control design through the real nodes
 	@.venv/lib/cabols_sim/fast_gains $(ARGS)
+
+campaign: setup  ## a stiffness campaign on the simulated rig, and its report, into build/campaign
+	@.venv/lib/cabols_sim/campaign_bench $(ARGS)
+
+campaign-kills: setup  ## kill (-9) every node in turn during short campaigns; nothing may be lost
+	@.venv/lib/cabols_sim/campaign_kills $(ARGS)
+
+analyze: setup  ## analyse a campaign's folder or a bag: make analyze ARGS=FOLDER
+	@.venv/lib/cabols_stiffness/analyze $(or $(ARGS),build/campaign)
+
+bench-analysis: setup  ## memory and time of analysing bags of up to an hour
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_analysis.py $(ARGS)
 
 setup:  ## make .venv and build the workspace into it (done by the others when needed)
 	@test -n "$(HOST_PYTHON)" || { echo "setup: no Python found." \

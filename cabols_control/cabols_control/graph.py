@@ -64,7 +64,7 @@ CONTROLLERS = (
     NodeSpec(
         "cabols_control",
         "wrench_controller",
-        ("wrench", "desired_wrench", "platform_pose", "mode"),
+        ("wrench", "desired_wrench", "desired_tension", "platform_pose", "mode"),
         ("tension_command", "loop_status"),
     ),
 )
@@ -80,11 +80,15 @@ RECORDER = NodeSpec(
         "motor_current",
         "tension_command",
         "desired_wrench",
+        "desired_tension",
         "platform_pose",
         "mode",
         "loop_status",
         "joint_states",
         "reflector_measurement",
+        "stiffness_load",
+        "stiffness_estimate",
+        "campaign_status",
     ),
     ("loop_status",),
 )
@@ -107,6 +111,20 @@ ROBOT = NodeSpec(
     ("platform_pose", "joint_states", "reflector_measurement", "loop_status"),
 )
 DEVICES = NodeSpec("cabols_sim", "device_simulator", (), ())
+CAMPAIGN = (
+    NodeSpec(
+        "cabols_stiffness",
+        "stiffness_identifier",
+        ("stiffness_load", "campaign_status"),
+        ("stiffness_estimate", "loop_status"),
+    ),
+    NodeSpec(
+        "cabols_stiffness",
+        "stiffness_campaign",
+        ("mode", "limb_state", "wrench", "joint_states", "platform_pose", "stiffness_estimate"),
+        ("desired_tension", "stiffness_load", "campaign_status", "loop_status"),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -157,7 +175,8 @@ _BRIDGES = ("plant", "q8_ati_bridge")
 _LOOPS = (*_BRIDGES, "limb_controller", "wrench_controller")
 _ROBOT = ("abb_tracker_bridge",)
 _DEVICES = "device_simulator"
-_BESIDE = ("supervisor", "load_program", "recorder", *_ROBOT)
+_CAMPAIGN = tuple(node.executable for node in CAMPAIGN)
+_BESIDE = ("supervisor", "load_program", "recorder", *_ROBOT, *_CAMPAIGN)
 _ALL = (*_LOOPS, *_BESIDE)
 ARGUMENTS = (
     Argument("geometry_file", "", "YAML of the geometry; empty: reference bench", _ALL),
@@ -213,7 +232,10 @@ ARGUMENTS = (
         "other_cpu",
         -1,
         "core for the other nodes; -1: any",
-        ("limb_controller", "wrench_controller", "supervisor", "load_program", "recorder"),
+        (
+            *("limb_controller", "wrench_controller"),
+            *("supervisor", "load_program", "recorder", *_CAMPAIGN),
+        ),
         parameter="cpu",
     ),
     Argument("record", True, "record a bag", ()),
@@ -225,6 +247,11 @@ ARGUMENTS = (
     Argument(
         "state_timeout", 0.2, "s without a limb state until the supervisor stops", ("supervisor",)
     ),
+    Argument("campaign", False, "with the nodes of stiffness campaigns", ()),
+    Argument(
+        "campaign_file", "", "campaign.yaml of campaigns that name none", ("stiffness_campaign",)
+    ),
+    Argument("campaign_folder", "", "folder of campaigns that name none", ("stiffness_campaign",)),
     Argument("auto_start", False, "pre-tighten and load without being asked", ("supervisor",)),
     Argument("plant_file", "", "YAML of the simulated rig; empty: bench", ("plant",), ("bench",)),
     Argument("linear", False, "simulate the linear plant", ("plant",), ("bench",)),
@@ -256,26 +283,37 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
     return found
 
 
-def rig_graph(record: bool = True) -> list[NodeSpec]:
-    """Nodes of a rig with hardware, in starting order: readers first, the clock last."""
-    nodes = [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, ROBOT, BRIDGE]
+def rig_graph(record: bool = True, campaign: bool = False) -> list[NodeSpec]:
+    """Nodes of a rig with hardware, in starting order: readers first, the clock last.
+
+    Args:
+        record: with the recorder.
+        campaign: with the nodes of stiffness campaigns.
+    """
+    extra = CAMPAIGN if campaign else ()
+    nodes = [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, *extra, ROBOT, BRIDGE]
     return [_with_robot(node) for node in nodes]
 
 
 def _with_robot(node: NodeSpec) -> NodeSpec:
     """Tell those that behave differently with a robot that there is one."""
-    concerned = node.executable in ("supervisor", "wrench_controller")
+    concerned = node.executable in ("supervisor", "limb_controller", "wrench_controller")
     return node.with_parameters(robot=True) if concerned else node
 
 
 def bench_graph(
-    lockstep: bool = False, record: bool = True, robot: bool = True, ports: Ports | None = None
+    lockstep: bool = False,
+    record: bool = True,
+    robot: bool = True,
+    ports: Ports | None = None,
+    campaign: bool = False,
 ) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
     They are the rig's, but for the plant in the bridge's place, and the simulated devices. In
     lockstep every node waits until its topics have all the readers that this table gives them, so
-    that nothing is lost at the start.
+    that nothing is lost at the start. With a robot, which has its own pace, the clock waits for the
+    control path alone: plant, wrench controller, limb controller.
 
     Args:
         lockstep: deterministic clock.
@@ -283,14 +321,17 @@ def bench_graph(
         robot: with robot and tracker; False for a target that never moves, whose pose the plant
             publishes itself.
         ports: of the devices.
+        campaign: with the nodes of stiffness campaigns; they need the robot.
     """
     recorder = [RECORDER] if record else []
-    nodes = [*recorder, *CONTROLLERS, LOAD_PROGRAM]
+    nodes = [*recorder, *CONTROLLERS, LOAD_PROGRAM, *(CAMPAIGN if campaign else ())]
     nodes += _devices(ports or Ports()) if robot else [PLANT]
     if robot:
         nodes = [_with_robot(node) for node in nodes]
     if not lockstep:
         return nodes
+    if robot:
+        nodes = [_beside_clock(node) for node in nodes]
     readers = Counter(topic for node in nodes for topic in node.reads)
     return [
         node
@@ -301,6 +342,16 @@ def bench_graph(
         )
         for node in nodes
     ]
+
+
+def _beside_clock(node: NodeSpec) -> NodeSpec:
+    """Tell those that are not in the control path that a lockstep clock does not wait for them."""
+    if node.executable == LOAD_PROGRAM.executable:
+        # It then publishes at its own rate instead of answering every wrench.
+        node = replace(node, reads=("mode",))
+    elif node.executable != "supervisor":
+        return node
+    return node.with_parameters(beside_clock=True)
 
 
 def _devices(ports: Ports) -> list[NodeSpec]:

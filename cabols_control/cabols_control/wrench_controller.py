@@ -13,6 +13,7 @@ from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size, set_method
 from cabols_control.tension.layout import SHARE
+from cabols_control.tension_reference import DesiredTension, TensionReference
 from cabols_control.wrench_law import WrenchLaw
 
 LONGEST_STEP_S = 0.010
@@ -68,6 +69,7 @@ class WrenchController:
         self._position, self._rotation = np.zeros(3), np.eye(3)
         self._unload_step = np.repeat(control.unload_rates, 3)
         self._desired_timeout = control.desired_timeout
+        self._tensions = TensionReference(rig)
         self._last_stamp = -np.inf
         self._bad_samples = 0
         self.tension = np.zeros(n)
@@ -105,6 +107,7 @@ class WrenchController:
         measured: FloatArray,
         mode: OperatingMode,
         wanted: DesiredWrench | None,
+        tensions: DesiredTension | None = None,
     ) -> FloatArray:
         """Answer one wrench sample.
 
@@ -113,6 +116,7 @@ class WrenchController:
             measured: (6,) on the platform, at its origin, base axes [N, N m].
             mode: operating mode.
             wanted: newest desired wrench; None before the first: zero.
+            tensions: newest desired tensions; while they are fresh they go before the wrench.
 
         Returns:
             (n,) tension within the limits [N]; meaningful only where `active`. The same array
@@ -133,6 +137,8 @@ class WrenchController:
             self.active = False
             return self.tension
         if not usable:
+            return self.tension
+        if self._command_tensions(stamp_s, min(dt_s, LONGEST_STEP_S), tensions):
             return self.tension
         self._follow(stamp_s, min(dt_s, LONGEST_STEP_S), wanted)
         if not self.active or dt_s > LONGEST_STEP_S:
@@ -156,7 +162,28 @@ class WrenchController:
         share = self._pack[SHARE] + dt_s / self._rig.control.tension_fade
         self._pack[SHARE] = min(share, 1.0)
 
+    def _command_tensions(self, stamp_s: float, dt_s: float, wanted: DesiredTension | None) -> bool:
+        """Command tensions instead of a wrench, if some are asked for (section 4.3)."""
+        reference = self._tensions
+        led = reference.active
+        present = self.tension if self.active and not led else None
+        if not reference.step(stamp_s, dt_s, wanted, present):
+            # The wrench takes over from what the sensor says, as at the start of a load.
+            self.active = self.active and not led
+            return False
+        self.tension[:] = reference.tension
+        np.matmul(self._matrix, reference.tension, out=self.control)
+        self.desired[:] = self.control
+        self.residual[:] = 0.0
+        self.active, self.feasible = True, not reference.limited
+        self.infeasible_cycles += reference.limited
+        self.notice = ""
+        if reference.stale:
+            self.notice = f"desired_tension is older than {self._desired_timeout:g} s: unloading"
+        return True
+
     def _rest(self) -> None:
+        self._tensions.reset()
         self.active = False
         self.fault = ""
         self.notice = ""

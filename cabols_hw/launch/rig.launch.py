@@ -13,7 +13,7 @@ from launch import Action, LaunchContext, LaunchDescription
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
     values = argument_values(context)
-    return launch_nodes(rig_graph(record=values["record"]), values)
+    return launch_nodes(rig_graph(values["record"], values["campaign"]), values)
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -107,6 +107,7 @@ def run_bench(
         values.get("record", True),
         values.get("robot", False),
         ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
+        values.get("campaign", False),
     )
     nodes = [*with_arguments(graph, values), *tools]
     with _on_core(values.get("other_cpu", -1)):

@@ -13,7 +13,9 @@ from launch import Action, LaunchContext, LaunchDescription
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
     values = argument_values(context)
-    graph = bench_graph(values["lockstep"], values["record"], values["robot"])
+    graph = bench_graph(
+        values["lockstep"], values["record"], values["robot"], campaign=values["campaign"]
+    )
     return launch_nodes(graph, values)
 
 

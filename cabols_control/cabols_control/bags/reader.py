@@ -160,6 +160,63 @@ def iterate(
             yield name, message.log_time_ns, message.data
 
 
+def batches(
+    folder: str | Path, topics: Iterable[str] | Mapping[str, str], size: int = 20_000
+) -> Iterator[dict[str, dict[str, Column]]]:
+    """Yield a bag's messages as arrays, so many messages at a time, in constant memory.
+
+    Args:
+        folder: of the bag.
+        topics: names relative to /cabols, or a mapping of names to the expected types; all of
+            them must have messages.
+        size: messages of all those topics in a batch.
+
+    Yields:
+        By topic, those with messages in the batch: columns by dotted field name, as Series has
+        them. Topics keep their own order, not that among each other within a batch.
+
+    Raises:
+        BagError: as read_bag does.
+    """
+    folder = Path(folder)
+    information = read_metadata(folder)
+    wanted = set(_wanted(folder, _recorded(information), topics))
+    channels: dict[str, _Channel] = {}
+    numbers: dict[int, _Channel | None] = {}
+    present: Scan | None = None
+    count = 0
+    for scan, message in _messages(folder, information):
+        if scan is not present:
+            present, numbers = scan, {}
+        if message.channel not in numbers:
+            found = scan.channels[message.channel]
+            name, definition = relative(found.topic), found.definition
+            numbers[message.channel] = None
+            if name in wanted:
+                channel = channels.setdefault(name, _Channel(definition.type_name, definition.text))
+                numbers[message.channel] = channel
+        entry = numbers[message.channel]
+        if entry is None:
+            continue
+        entry.raws.append(message.data)
+        count += 1
+        if count >= size:
+            yield _drain(channels)
+            count = 0
+    if count:
+        yield _drain(channels)
+
+
+def _drain(channels: dict[str, _Channel]) -> dict[str, dict[str, Column]]:
+    """Decode what the channels have gathered, and forget it."""
+    found = {}
+    for name, channel in channels.items():
+        if channel.raws:
+            found[name] = _decode(name, channel)
+            channel.raws = []
+    return found
+
+
 class _Channel:
     """What one pass gathers of a topic."""
 
@@ -168,6 +225,7 @@ class _Channel:
         self.text = text
         self.times: list[tuple[int, int, int]] = []
         self.raws: list[bytes] = []
+        self.store: Typestore | None = None
 
 
 def _recorded(information: dict[str, Any]) -> dict[str, tuple[str, int]]:
@@ -270,15 +328,20 @@ def _first_of(firsts: dict[str, int]) -> int:
     return stamps[0] if stamps else 0
 
 
-def _series(name: str, channel: _Channel, start_ns: int) -> Series:
-    store = _store(channel)
+def _decode(name: str, channel: _Channel) -> dict[str, Column]:
+    if channel.store is None:
+        channel.store = _store(channel)
     try:
-        columns = decode(channel.raws, channel.type_name, store)
+        return decode(channel.raws, channel.type_name, channel.store)
     except SerdeError as error:
         raise BagError(
             f"{name}: expected {channel.type_name} messages, got bytes that are none ({error}); "
             "were definition and messages recorded from different builds?"
         ) from error
+
+
+def _series(name: str, channel: _Channel, start_ns: int) -> Series:
+    columns = _decode(name, channel)
     times = np.array(channel.times, np.int64).reshape(-1, 3)
     seconds, nanoseconds = columns.get("header.stamp.sec"), columns.get("header.stamp.nanosec")
     stamp_ns = np.zeros(0, np.int64)

@@ -15,7 +15,7 @@ from cabols_control.nodes.commission_server import CommissionServer
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.warm_up import warm_limbs
 
@@ -46,6 +46,7 @@ class LimbControllerNode(ControlNode):
         self._command = Input(self, "tension_command", topics.tension_command_layout(geometry), qos)
         mode_qos = latched_qos(self.lockstep)
         self._mode = Input(self, "mode", topics.mode_layout(""), mode_qos, every=SLOW_INPUT)
+        self._mode.awaited = not declare_robot(self)
         layout = topics.motor_current_layout(geometry, len(limbs))
         self._answer = layout.record()
         self._answer["limb"][:] = limbs

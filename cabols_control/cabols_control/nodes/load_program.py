@@ -67,7 +67,7 @@ class LoadProgramNode(ControlNode):
         self._stopper = self.create_client(SetMode, "set_mode")
         self._asked_s: float | None = None
         self._loop: ControlLoop | Ticker
-        if self.lockstep:
+        if self.paced:
             layout = topics.wrench_layout(self.rig.geometry.platform_frame)
             self._wrench = Input(self, "wrench", layout, qos)
             self._loop = ControlLoop(self, self._wrench, [self._mode], self._answer, True)

@@ -242,7 +242,7 @@ def _offered_qos(topic: str, lockstep: bool) -> QoSProfile:
     """Return the quality with which the topic's publishers offer it."""
     if topic in topics.CONTROL_TOPICS:
         return control_qos(lockstep)
-    return latched_qos(lockstep) if topic == "mode" else status_qos()
+    return latched_qos(lockstep) if topic in topics.LATCHED_TOPICS else status_qos()
 
 
 def _checked(names: list[str]) -> list[str]:

@@ -45,8 +45,8 @@ class SupervisorNode(ControlNode):
             ),
             unloaded_tension=1.7 * self.rig.limbs.switch_tension,
             # In lockstep the clock itself waits for the controllers.
-            controllers=() if self.lockstep else needed,
-            bridges=() if self.lockstep else SupervisionConfig.bridges,
+            controllers=() if self.paced else needed,
+            bridges=() if self.paced else SupervisionConfig.bridges,
         )
         self._core = Supervision(config)
         self._lock = threading.Lock()
@@ -72,7 +72,7 @@ class SupervisorNode(ControlNode):
         self.create_service(Trigger, "emergency_stop", self._emergency_stop)
         self.create_service(Trigger, "reset", self._reset)
         self._loop: ControlLoop | Ticker
-        if self.lockstep:
+        if self.paced:
             self._loop = ControlLoop(self, self._state, [], self._answer, True)
             self._loop.prepare = self.prepare_thread
         else:
@@ -123,7 +123,7 @@ class SupervisorNode(ControlNode):
         """Present time on the clock of the limb states' stamps."""
         if self._state.count == 0:
             return 0.0
-        since = 0 if self.lockstep else time.monotonic_ns() - self._state.received_ns
+        since = 0 if self.paced else time.monotonic_ns() - self._state.received_ns
         return 1e-9 * (self._state.stamp_ns + since)
 
     def _publish(self) -> None:
@@ -131,7 +131,7 @@ class SupervisorNode(ControlNode):
             self.get_logger().info(f"mode {self._core.mode.name}: {self._core.reason}")
         self._published = (int(self._core.mode), self._core.reason)
         record = topics.mode_layout(self._core.reason).record()
-        record.stamp(int(1e9 * self._now_s()) if not self.lockstep else self._state.stamp_ns)
+        record.stamp(int(1e9 * self._now_s()) if not self.paced else self._state.stamp_ns)
         record["mode"][0] = int(self._core.mode)
         self._output.publish(record.raw())
         latched = self._core.mode.name == "FAULT"
@@ -152,7 +152,7 @@ class SupervisorNode(ControlNode):
 
     def _set_mode(self, request: Any, response: Any) -> Any:
         with self._lock:
-            if not self.lockstep:
+            if not self.paced:
                 # Who asks may have seen a newer state than the last tick's.
                 self._hear_news()
             verdict = self._core.request(request.mode, self._now_s())
@@ -178,7 +178,7 @@ class SupervisorNode(ControlNode):
 
     def _publish_change(self) -> None:
         """Tell a change at once; in lockstep it goes out with the answer to the next state."""
-        if not self.lockstep and self._changed():
+        if not self.paced and self._changed():
             self._publish()
 
 

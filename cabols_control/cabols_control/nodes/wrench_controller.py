@@ -13,19 +13,22 @@ from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare_robot
 from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.tension_reference import DesiredTension
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_controller import DesiredWrench, WrenchController
 
 POSE_TIMEOUT_S = 0.5
+LOCKSTEP_EXCUSE_NS = 1_000_000_000
+"""Of this computer's time: a lockstep clock may run ahead of a process that the kernel stalls."""
 
 
 class WrenchControllerNode(ControlNode):
     """Thin node around WrenchController."""
 
     def __init__(self) -> None:
-        """Subscribe to wrench, desired_wrench, platform_pose, mode; advertise tension_command."""
+        """Subscribe to wrench, what is desired, platform_pose, mode; advertise tension_command."""
         super().__init__("wrench_controller")
         method = declare(self, "tension_method", "", "see the control file; empty: that file's")
         if method:
@@ -37,14 +40,18 @@ class WrenchControllerNode(ControlNode):
         qos = control_qos(self.lockstep)
         self._wrench = Input(self, "wrench", topics.wrench_layout(geometry.platform_frame), qos)
         self._wanted = Input(self, "desired_wrench", topics.wrench_layout(geometry.base_frame), qos)
+        tensions = topics.desired_tension_layout(geometry)
+        self._wanted_tension = Input(self, "desired_tension", tensions, qos, every=2)
+        # A campaign asks when it wants to, also in lockstep.
+        self._wanted_tension.awaited = False
         pose = topics.pose_layout(geometry)
         self._pose = Input(self, "platform_pose", pose, qos, every=2)
         # A robot reports at its own rate, so that even in lockstep its newest pose is used.
-        self._pose.awaited = not declare(
-            self, "robot", False, "poses come from a robot's bridge, not with every sample"
-        )
+        robot = declare_robot(self)
+        self._pose.awaited = self._wanted.awaited = not robot
         mode_qos = latched_qos(self.lockstep)
         self._mode = Input(self, "mode", topics.mode_layout(""), mode_qos, every=SLOW_INPUT)
+        self._mode.awaited = not robot
         layout = topics.tension_command_layout(geometry)
         self._answer = layout.record()
         self._answer["limb"][:] = np.arange(geometry.cables)
@@ -54,12 +61,15 @@ class WrenchControllerNode(ControlNode):
         self._measured = np.zeros(6)
         self._desired: DesiredWrench | None = None
         self._desired_count = 0
+        self._tension: DesiredTension | None = None
+        self._tension_count = 0
+        self._limbs = np.arange(geometry.cables, dtype=np.uint8).tobytes()
         self._pose_count = 0
         self._pose_seen_ns = 0
         self._frames = ("", geometry.base_frame)
         self._refused = ""
         self._pose_bytes = b""
-        companions = [self._mode, self._pose, self._wanted]
+        companions = [self._mode, self._pose, self._wanted, self._wanted_tension]
         self._loop = ControlLoop(self, self._wrench, companions, self._step, self.lockstep)
         self._loop.prepare = self.prepare_thread
 
@@ -81,12 +91,14 @@ class WrenchControllerNode(ControlNode):
         controller = self._controller
         self._take_pose()
         self._take_desired()
+        self._take_tension()
         self._measured[:] = self._wrench.record["wrench"]
         controller.step(
             1e-9 * self._wrench.stamp_ns,
             controller.to_base_axes(self._measured),
             self._present_mode(),
             self._desired,
+            self._tension,
         )
         answer = self._answer
         answer.stamp(self._wrench.stamp_ns)
@@ -159,6 +171,32 @@ class WrenchControllerNode(ControlNode):
             self._refused = ""
             # Its age, too, counts from arrival: a programme may run on another machine.
             self._desired = DesiredWrench(1e-9 * self._wrench.stamp_ns, values)
+
+    def _take_tension(self) -> None:
+        """Accept finite desired tensions of all limbs; keep the last ones otherwise."""
+        if self._wanted_tension.error:
+            self._refused = self._wanted_tension.error
+        if self._wanted_tension.count == self._tension_count:
+            self._excuse_tension()
+            return
+        self._tension_count = self._wanted_tension.count
+        record = self._wanted_tension.record
+        values = np.array(record["tension"])
+        if record["limb"].tobytes() != self._limbs or not np.isfinite(values).all():
+            self._refused = (
+                f"desired_tension: expected finite numbers for limbs 0 to {values.size - 1} in "
+                f"order, got {values.tolist()} for {record['limb'].tolist()}"
+            )
+        else:
+            self._refused = ""
+            self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, values)
+
+    def _excuse_tension(self) -> None:
+        """In lockstep let an old value count while whoever asks cannot keep up with the clock."""
+        if not self.lockstep or self._tension is None:
+            return
+        if time.monotonic_ns() - self._wanted_tension.received_ns < LOCKSTEP_EXCUSE_NS:
+            self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, self._tension.tension)
 
     def _frame(self) -> str:
         if self._wanted.exact:

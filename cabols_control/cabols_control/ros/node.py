@@ -103,6 +103,13 @@ class ControlNode(Node):
         super().__init__(name, namespace=topics.NAMESPACE)
         self.rig = declare_rig(self)
         self.lockstep = declare_lockstep(self)
+        beside = declare(
+            self,
+            "beside_clock",
+            False,
+            "lockstep: run at the computer's own pace, as the clock does not wait for this node",
+        )
+        self.paced = self.lockstep and not beside
         self._scheduling = declare_scheduling(self)
         wanted = declare(
             self,

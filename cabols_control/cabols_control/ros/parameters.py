@@ -47,6 +47,15 @@ def declare_lockstep(node: Node) -> bool:
     )
 
 
+def declare_robot(node: Node) -> bool:
+    """Declare whether a robot carries the platform.
+
+    Its pose, as all that is asked of it, comes at its own pace, so that even in lockstep the clock
+    waits for the control path alone.
+    """
+    return bool(declare(node, "robot", False, "a robot carries the platform, at its own pace"))
+
+
 def declare_scheduling(node: Node) -> Scheduling:
     """Declare what the control thread asks of the kernel."""
     return Scheduling(

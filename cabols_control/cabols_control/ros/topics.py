@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from cabols_msgs.msg import (
+    CampaignStatus,
+    DesiredTension,
     LimbState,
     LoopStatus,
     Mode,
     MotorCurrent,
     ReflectorMeasurement,
+    StiffnessEstimate,
+    StiffnessLoad,
     TensionCommand,
 )
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -33,6 +37,7 @@ TYPES: dict[str, type] = {
     "motor_current": MotorCurrent,
     "tension_command": TensionCommand,
     "desired_wrench": WrenchStamped,
+    "desired_tension": DesiredTension,
     "platform_pose": PoseStamped,
     "mode": Mode,
     "loop_status": LoopStatus,
@@ -40,6 +45,9 @@ TYPES: dict[str, type] = {
     "true_wrench": WrenchStamped,
     "joint_states": JointState,
     "reflector_measurement": ReflectorMeasurement,
+    "stiffness_load": StiffnessLoad,
+    "stiffness_estimate": StiffnessEstimate,
+    "campaign_status": CampaignStatus,
 }
 """Every topic of the bench, relative to the namespace."""
 
@@ -52,12 +60,16 @@ CONTROL_TOPICS = (
     "motor_current",
     "tension_command",
     "desired_wrench",
+    "desired_tension",
     "platform_pose",
     "true_limb_state",
     "true_wrench",
     "joint_states",
 )
 """Topics with control_qos."""
+
+LATCHED_TOPICS = ("mode", "stiffness_estimate", "campaign_status")
+"""Topics with latched_qos: who comes late must know them at once."""
 
 
 def limb_state_layout(geometry: RigGeometry) -> Layout:
@@ -81,6 +93,12 @@ def tension_command_layout(geometry: RigGeometry) -> Layout:
     return Layout(
         TensionCommand, {"limb": n, "tension": n}, {"header.frame_id": geometry.base_frame}
     )
+
+
+def desired_tension_layout(geometry: RigGeometry) -> Layout:
+    """DesiredTension for all cables."""
+    n = geometry.cables
+    return Layout(DesiredTension, {"limb": n, "tension": n})
 
 
 def motor_current_layout(geometry: RigGeometry, limbs: int) -> Layout:

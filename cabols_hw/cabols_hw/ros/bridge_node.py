@@ -30,6 +30,8 @@ from cabols_hw.safety_config import SafetyConfig
 
 RING = 1024
 ANSWER_WAIT_NS = 20_000_000
+EXTRA_WAITS = 1
+"""Room in the wait set for what a derived bridge waits for besides the answers."""
 LOCKSTEP_PATIENCE_S = 20.0
 
 DaqFactory = Callable[["BridgeNode", Rig, CardConfig], Daq]
@@ -202,7 +204,7 @@ class BridgeNode(ControlNode):
     def _lockstep_body(self) -> None:
         self.prepare_thread()
         self.daq.start(self._watchdog_s)
-        wait_set = make_wait_set(self, len(self._answers))
+        wait_set = make_wait_set(self, len(self._answers) + EXTRA_WAITS)
         while self._running() and not self.finished():
             sample = self.daq.read()
             self._handle(sample)
@@ -215,7 +217,7 @@ class BridgeNode(ControlNode):
 
     def _wait_for_answers(self, wait_set: object, stamp_ns: int) -> None:
         give_up = time.monotonic() + LOCKSTEP_PATIENCE_S
-        while missing := [item for item in self._answers if item.stamp_ns < stamp_ns]:
+        while missing := self.missing(stamp_ns):
             if not self._running():
                 return
             if time.monotonic() > give_up:
@@ -226,6 +228,10 @@ class BridgeNode(ControlNode):
                 )
             if wait_for(wait_set, missing, ANSWER_WAIT_NS):
                 self._take_answers()
+
+    def missing(self, stamp_ns: int) -> list[Input]:
+        """Inputs that a lockstep clock waits for before the sample after the one of stamp_ns."""
+        return [item for item in self._answers if item.stamp_ns < stamp_ns]
 
     def _handle(self, sample: CardSample) -> None:
         """Judge one sample, turn it into messages and send them.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -35,6 +36,10 @@ from cabols_sim.robot.robot_target import RobotTarget
 
 POSE_EVERY = 4
 """The robot reports its pose every 4 ms; in lockstep every sample has one."""
+POSE_LAG_NS = 20_000_000
+"""In lockstep the clock waits for a robot's pose that is older than this, of the rig's time..."""
+POSE_PATIENCE_S = 1.0
+"""...but no longer than this: a robot that fell silent must show."""
 
 
 def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
@@ -88,7 +93,7 @@ class PlantNode(BridgeNode):
     """BridgeNode on a simulated card; publishes the platform's pose in the robot's place.
 
     With robot:=true the pose comes from abb_tracker_bridge, as on the rig: it lags by what the
-    devices take, so in lockstep the clock does not wait for it and runs may differ.
+    devices take, so in lockstep the clock waits only for one that is not too old, and runs differ.
     """
 
     coupling: RobotCoupling | None = None
@@ -152,7 +157,7 @@ class PlantNode(BridgeNode):
 
     def extra_inputs(self) -> list[Input]:
         """In lockstep the clock also waits for the wrench controller."""
-        # In lockstep the robot's pose is taken in on_inputs, but the clock does not wait for it.
+        # In lockstep the robot's pose is taken in on_inputs; missing() waits for a recent one.
         pose = super().extra_inputs() if self.coupling is not None else []
         if not self.lockstep:
             return pose
@@ -161,6 +166,19 @@ class PlantNode(BridgeNode):
             self, "tension_command", topics.tension_command_layout(geometry), control_qos(True)
         )
         return [self._tension_input]
+
+    def missing(self, stamp_ns: int) -> list[Input]:
+        """With a robot, which has its own pace: not the mode, but a pose of the last 20 ms."""
+        found = super().missing(stamp_ns)
+        if self.coupling is None:
+            return found
+        found = [item for item in found if item is not self._mode_input]
+        if not self._pose_input.count:
+            return found
+        silent = time.monotonic_ns() - self._pose_input.received_ns > 1e9 * POSE_PATIENCE_S
+        if self._pose_input.stamp_ns < stamp_ns - POSE_LAG_NS and not silent:
+            found.append(self._pose_input)
+        return found
 
     def on_inputs(self) -> None:
         """Take the wrench controller's answer, which is only waited for, and the robot's pose."""

@@ -1,0 +1,124 @@
+"""Executable analyze: a campaign's folder, or a bag, to result.yaml, report.html and tables."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cabols_control.errors import CabolsError
+from cabols_stiffness.analysis.report import write_report
+from cabols_stiffness.analysis.source import Source, is_campaign, read_source
+from cabols_stiffness.analysis.study import Study, study
+from cabols_stiffness.analysis.tables import summary, write_tables
+from cabols_stiffness.campaign.journal import SAMPLES, read_log, read_samples
+from cabols_stiffness.measured import to_cells
+from cabols_stiffness.result import MODELS
+from cabols_stiffness.result_file import write_result
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Analyse; 0, or 1 for data that cannot be used."""
+    options = _arguments(words)
+    began = time.monotonic()
+    try:
+        source = read_source(options.source, options.campaign, options.geometry or None, _say)
+        _say(f"{len(source.loads)} loads, {source.rig_s:.0f} s of the rig's time; identifying")
+        found = study(source.loads, source.plan, options.model)
+        place = _output(options)
+        place.mkdir(parents=True, exist_ok=True)
+        more = provenance(source, found)
+        write_result(place / "result.yaml", found.result, found.robot, more)
+        written = write_tables(found, place)
+        log = read_log(options.source) if is_campaign(options.source) else []
+        write_report(place / "report.html", found, source, log)
+    except CabolsError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    print(summary(found))
+    difference = _compare(options.source, source)
+    if difference:
+        print(difference)
+    for path in (place / "result.yaml", place / "report.html", *written):
+        print(f"  {path}")
+    print(f"analysed in {time.monotonic() - began:.1f} s")
+    return 0
+
+
+def provenance(source: Source, found: Study) -> dict[str, object]:
+    """What result.yaml says of where its numbers come from."""
+    frames, validation = found.frames, found.point_validation
+    return {
+        "provenance": {
+            "bags_sha256": dict(source.bags),
+            "parameters": dict(source.parameters),
+            "loads": len(source.loads),
+            "failed_measurements": len(source.failures),
+            "rig_time_s": round(source.rig_s, 3),
+        },
+        "tracker": {
+            "registered_from_configurations": frames.poses,
+            "position_m": [float(value) for value in frames.position],
+            "rotation": [[float(value) for value in row] for row in frames.rotation],
+            "reflectors_m": [[float(value) for value in row] for row in frames.reflectors],
+        },
+        "validation": None
+        if validation is None
+        else {
+            "explained": validation.explained,
+            "normalised_rms": validation.normalised_rms,
+            "error_rms_m": [float(value) for value in validation.error_rms],
+        },
+        "model_by_held_out_loads": None if found.choice is None else found.choice.model,
+    }
+
+
+def _compare(place: Path, source: Source) -> str:
+    """Say whether the bags hold just what the campaign measured as it ran."""
+    if not is_campaign(place) or not (place / SAMPLES).exists():
+        return ""
+    online = {(load.group, load.load): to_cells(load) for load in read_samples(place)}
+    offline = {(load.group, load.load): to_cells(load) for load in source.loads}
+    if online.keys() != offline.keys():
+        return (
+            f"{SAMPLES} has {len(online)} loads, the bags {len(offline)}: a run was cut between "
+            "bag and table; the campaign mends that when it goes on"
+        )
+    worst = max(
+        float(np.max(np.abs(np.array(online[key], float) - np.array(offline[key], float))))
+        for key in online
+    )
+    return f"largest difference between {SAMPLES} and the bags: {worst:.3g}"
+
+
+def _output(options: argparse.Namespace) -> Path:
+    if options.output is not None:
+        return Path(options.output)
+    place = Path(options.source)
+    return place if is_campaign(place) else place.with_name(place.name + "_analysis")
+
+
+def _say(text: str) -> None:
+    print(f"  {text}", flush=True)
+
+
+def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="analyze", description=__doc__)
+    add = parser.add_argument
+    add("source", type=Path, metavar="BAG_OR_CAMPAIGN", help="folder of a campaign or of a bag")
+    add("--output", type=Path, help="folder to fill; default: the campaign's, or BAG_analysis")
+    add("--campaign", default="", help="campaign.yaml; default: the folder's, or the bag's own")
+    add("--geometry", default="", help="YAML of the rig's geometry; default: the bench's")
+    add("--model", default="", choices=["", *MODELS], help="default: the campaign's")
+    return parser.parse_args(words)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,82 @@
+"""report.html: one file that needs nothing else, no network either."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import yaml
+from bokeh.embed import components
+from bokeh.resources import Resources
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from cabols_stiffness.analysis.plots import joint_plots, load_plots, validation_plots
+from cabols_stiffness.analysis.source import Source
+from cabols_stiffness.analysis.study import Study
+from cabols_stiffness.analysis.tables import stiffness_table, summary
+from cabols_stiffness.compliance import compliance_table
+
+RATED_N = 60.0
+"""Weight of the rated load of an IRB 1600-6, about."""
+
+
+def write_report(
+    path: str | Path, study: Study, source: Source, log: Sequence[dict[str, str]] = ()
+) -> Path:
+    """Write the report of an analysis.
+
+    Args:
+        path: of the HTML file.
+        study: what was found.
+        source: where it is from.
+        log: what was tried again or skipped; rows of log.csv.
+
+    Returns:
+        The path.
+    """
+    joints, loads = joint_plots(study), load_plots(study)
+    checked = [] if study.pose_validation is None else validation_plots(study.pose_validation)
+    script, divs = components([*joints, *checked, *loads], wrap_script=True)
+    environment = Environment(
+        loader=PackageLoader("cabols_stiffness", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+    )
+    header, rows = stiffness_table(study)
+    failures = [
+        {
+            "what": "failed",
+            "configuration": str(failure[0]),
+            "reflector": str(failure[1]),
+            "load": str(failure[2]),
+            "reason": failure[3],
+        }
+        for failure in source.failures
+    ]
+    where = f"{len(study.loads)} loads at {len(study.by_configuration)} configurations"
+    text = environment.get_template("stiffness.html.j2").render(
+        title="Joint stiffness",
+        subtitle=f"{study.robot.name}: {where}, {len(study.plan.reflectors)} reflectors; "
+        f"{source.rig_s:.0f} s of the rig's time",
+        bokeh_js=Resources(mode="inline", components=["bokeh"]).render_js(),
+        bokeh_script=script,
+        summary=summary(study),
+        table={"header": header, "rows": rows},
+        joint_plots=divs[: len(joints)],
+        validation_plots=divs[len(joints) : len(joints) + len(checked)],
+        load_plots=divs[len(joints) + len(checked) :],
+        rated=RATED_N,
+        compliance=compliance_table(study.result, study.robot, study.samples.joints[0], RATED_N),
+        log=list(log) or failures,
+        provenance={**source.parameters, **_hashes(source)},
+        campaign=yaml.safe_dump(asdict(study.plan), sort_keys=False, default_flow_style=None),
+    )
+    target = Path(path)
+    target.write_text(text, encoding="utf-8")
+    return target
+
+
+def _hashes(source: Source) -> dict[str, str]:
+    return {f"SHA-256 of {path}": digest for path, digest in source.bags.items()}

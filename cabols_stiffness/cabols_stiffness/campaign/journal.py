@@ -1,0 +1,248 @@
+"""A campaign's folder: what was asked, what was measured so far, what was given up; survives cuts.
+
+`campaign.yaml` what was asked, `samples.csv` a line for each finished load, `log.csv` what was
+tried again or skipped and why, `bags/NNNN` a bag for each run. A line is on the disk before the
+campaign goes on; the last one may be cut by a power failure and is then dropped, as its load was
+not finished.
+"""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import io
+import os
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from cabols_control.configuration import packaged
+from cabols_stiffness.campaign.plan import BENCH, CampaignPlan, load_plan
+from cabols_stiffness.campaign.requests import LoadKey
+from cabols_stiffness.errors import CampaignError
+from cabols_stiffness.measured import MeasuredLoad, columns, from_cells, to_cells
+
+PLAN, SAMPLES, LOG, BAGS, LOCK = "campaign.yaml", "samples.csv", "log.csv", "bags", ".lock"
+LOG_COLUMNS = ("time_ns", "what", "configuration", "reflector", "load", "reason")
+
+
+class Table:
+    """A CSV file that only grows, line by line, each on the disk before append() returns."""
+
+    def __init__(self, path: Path, header: Sequence[str]) -> None:
+        """Open or create; a last line without its end is dropped.
+
+        Raises:
+            CampaignError: if the file has another header.
+        """
+        self.path = path
+        self._width = len(header)
+        fresh = not path.exists() or path.stat().st_size == 0
+        self._stream = path.open("a+b")
+        if fresh:
+            self.append(header)
+            _sync_folder(path.parent)
+        self._drop_cut_line()
+        found = next(iter(self._rows()), [])
+        if list(found) != list(header):
+            raise CampaignError(
+                f"{path}: expected columns {', '.join(header[:5])}, ..., got "
+                f"{', '.join(found[:5])}, ...; was it written by another version, or with another "
+                "number of limbs?"
+            )
+
+    def rows(self) -> list[list[str]]:
+        """All lines but the header."""
+        return self._rows()[1:]
+
+    def append(self, cells: Sequence[str]) -> None:
+        """Add one line; it is on the disk when this returns."""
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerow(cells)
+        self._stream.write(text.getvalue().encode())
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def _rows(self) -> list[list[str]]:
+        return list(csv.reader(io.StringIO(self.path.read_text(encoding="utf-8"))))
+
+    def _drop_cut_line(self) -> None:
+        content = self.path.read_bytes()
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            self._stream.truncate(whole)
+            os.fsync(self._stream.fileno())
+
+
+class Journal:
+    """One campaign's folder, opened for writing by one process.
+
+    Attributes:
+        folder: where it is.
+        plan: what was asked.
+        loads: finished so far, in order.
+    """
+
+    def __init__(self, folder: str | Path, campaign: str | Path = "") -> None:
+        """Begin a campaign, or go on with the one that is in the folder.
+
+        Args:
+            folder: of the campaign; created if it is missing.
+            campaign: path of the campaign.yaml; empty: the folder's own, or the bench's.
+
+        Raises:
+            CampaignError: if another process writes there, or the folder holds another campaign.
+            ConfigError: if the campaign cannot be used.
+        """
+        self.folder = Path(folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._lock = (self.folder / LOCK).open("w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._lock.close()
+            raise CampaignError(
+                f"{self.folder}: expected a folder that no campaign writes to, got one in use; "
+                "is another campaign running?"
+            ) from error
+        try:
+            self.plan = self._adopt(campaign)
+            self._samples = Table(self.folder / SAMPLES, columns(self.plan.limbs))
+            self._log = Table(self.folder / LOG, LOG_COLUMNS)
+            self.loads = self._read()
+        except BaseException:
+            self._lock.close()
+            raise
+
+    def _adopt(self, campaign: str | Path) -> CampaignPlan:
+        """Take the folder's campaign; put the one asked for there if it is new."""
+        own = self.folder / PLAN
+        if not own.exists():
+            plan = load_plan(campaign)
+            _write_durably(own, _text_of(campaign))
+            if plan.rig.urdf:
+                robot = Path(plan.rig.urdf)
+                _write_durably(self.folder / robot.name, robot.read_text(encoding="utf-8"))
+            return load_plan(own)
+        if campaign and _text_of(campaign) != own.read_text(encoding="utf-8"):
+            raise CampaignError(
+                f"{self.folder}: expected an empty folder or the same campaign, got one with "
+                f"another {PLAN}; name another folder, or leave the campaign out to go on"
+            )
+        return load_plan(own)
+
+    def _read(self) -> list[MeasuredLoad]:
+        rows = enumerate(self._samples.rows(), start=2)
+        return [self._load(number, cells) for number, cells in rows]
+
+    def _load(self, number: int, cells: list[str]) -> MeasuredLoad:
+        try:
+            return from_cells(cells, self.plan.limbs)
+        except CampaignError as error:
+            raise CampaignError(f"{self._samples.path}, line {number}: {error}") from error
+
+    @property
+    def finished(self) -> set[LoadKey]:
+        """Loads that need not be measured again."""
+        return {LoadKey(m.configuration, m.reflector, m.load) for m in self.loads}
+
+    @property
+    def next_group(self) -> int:
+        """A number that no pass has had."""
+        return 1 + max((load.group for load in self.loads), default=-1)
+
+    def bags(self) -> list[Path]:
+        """Bags of all runs, oldest first."""
+        return bags_of(self.folder)
+
+    def new_bag(self) -> Path:
+        """Return the folder for this run's bag; not yet there."""
+        numbers = [int(path.name) for path in self.bags()]
+        return self.folder / BAGS / f"{max(numbers, default=0) + 1:04d}"
+
+    def add(self, load: MeasuredLoad) -> None:
+        """Save a finished load."""
+        self._samples.append(to_cells(load))
+        self.loads.append(load)
+
+    def adopt(self, loads: Iterable[MeasuredLoad]) -> int:
+        """Save loads that a cut run had put into its bag, but not here yet; return how many."""
+        known = {(load.group, load.load) for load in self.loads}
+        missing = [load for load in loads if (load.group, load.load) not in known]
+        for load in missing:
+            self.add(load)
+        return len(missing)
+
+    def tell(self, time_ns: int, what: str, keys: Iterable[LoadKey], reason: str) -> None:
+        """Save what was tried again or skipped; one line for each load."""
+        for key in keys:
+            cells = (time_ns, what, key.configuration, key.reflector, key.load, reason)
+            self._log.append([str(cell) for cell in cells])
+
+    def close(self) -> None:
+        """Let others write there."""
+        self._samples.close()
+        self._log.close()
+        self._lock.close()
+
+
+def bags_of(folder: str | Path) -> list[Path]:
+    """A campaign's bags, oldest first."""
+    place = Path(folder) / BAGS
+    numbered = place.iterdir() if place.is_dir() else ()
+    return sorted(path for path in numbered if path.name.isdigit())
+
+
+def read_samples(folder: str | Path, skip: int = 0) -> list[MeasuredLoad]:
+    """Finished loads of a campaign that another process may be writing.
+
+    Args:
+        folder: of the campaign.
+        skip: so many of the first.
+
+    Raises:
+        CampaignError: if a line cannot be used.
+    """
+    path = Path(folder) / SAMPLES
+    text = path.read_text(encoding="utf-8")
+    lines = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
+    limbs = sum(name.startswith("tension_") for name in lines[0]) if lines else 0
+    return [from_cells(cells, limbs) for cells in lines[1 + skip :]]
+
+
+def read_log(folder: str | Path) -> list[dict[str, str]]:
+    """What was tried again or skipped, by LOG_COLUMNS."""
+    path = Path(folder) / LOG
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as stream:
+        return [dict(row) for row in csv.DictReader(stream)]
+
+
+def _text_of(campaign: str | Path) -> str:
+    return Path(campaign or packaged("cabols_stiffness", BENCH)).read_text(encoding="utf-8")
+
+
+def _write_durably(path: Path, text: str) -> None:
+    """Write a file that is whole or not there, whatever happens."""
+    draft = path.with_name(path.name + ".new")
+    with draft.open("w", encoding="utf-8") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    draft.rename(path)
+    _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put a folder's entries on the disk, where the file system knows how."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

@@ -1,0 +1,286 @@
+"""What a campaign is to do: campaign.yaml, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass as plain_dataclass
+from dataclasses import field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from pydantic.dataclasses import dataclass
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.configuration import STRICT, beside, load_config, packaged
+from cabols_control.errors import ConfigError
+from cabols_control.rigid_fit import RegistrationError, require_spread
+from cabols_stiffness.result import MODELS
+from cabols_stiffness.samples import LOADING, REFERENCE, UNLOADING
+
+BENCH = "bench_campaign.yaml"
+
+
+@dataclass(frozen=True, config=STRICT)
+class TensionPath:
+    """One way in joint space from rest to a peak and back, measured at stops (figure 4.10).
+
+    Attributes:
+        peak: of each limb [N].
+        stops: shares of the way from rest to the peak at which it is measured; rising, over 0 to 1.
+        down: whether it is measured at the same stops on the way back, but for the peak.
+    """
+
+    peak: list[float]
+    stops: list[float] = field(default_factory=lambda: [1.0])
+    down: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        finite_array("peak", self.peak, (None,))
+        stops = finite_array("stops", self.stops, (None,))
+        if not (stops.size and stops[0] > 0.0 and (np.diff(stops) > 0.0).all()):
+            raise ConfigError(f"stops: expected rising numbers over 0 to 1, got {self.stops}")
+        in_range("last stop", float(stops[-1]), 0.0, 1.0)
+
+
+@dataclass(frozen=True, config=STRICT)
+class Settling:
+    """When a load stands: means over two neighbouring windows of time differ by no more than this.
+
+    Attributes:
+        window: [s].
+        force: [N].
+        torque: [N m].
+        tension: every limb's estimate is as near to what is asked for [N].
+        timeout: it may take so long after the tensions have been reached [s].
+    """
+
+    window: float = 0.04
+    force: float = 0.15
+    torque: float = 0.03
+    tension: float = 5.0
+    timeout: float = 5.0
+
+    def __post_init__(self) -> None:
+        """Check signs."""
+        in_range("window", self.window, 0.005, 10.0)
+        for name in ("force", "torque", "tension"):
+            in_range(name, getattr(self, name), 1e-4, 1e3)
+        in_range("timeout", self.timeout, 0.05, 600.0)
+
+
+@dataclass(frozen=True, config=STRICT)
+class MeasuringRig:
+    """Robot, tool, reflectors and tracker, as identification needs them; nominal values.
+
+    Attributes:
+        tool_position: (3,) of the platform's origin, flange axes [m].
+        tool_quaternion: (4,) w x y z, from platform to flange axes.
+        reflectors: a row for each, platform axes [m].
+        tracker_position: (3,) of the tracker, robot's base [m].
+        tracker_rotation_xyz_deg: from tracker to base axes, intrinsic x-y-z.
+        tool_mass: of what hangs on the force/torque sensor, whose weight the bridge takes off [kg].
+        tool_centre_of_mass: (3,) of it, platform axes [m].
+        urdf: of the robot, beside the campaign's file; empty: the bench's IRB 1600-6/1.45.
+        register: find the tracker's frame and the reflectors from the campaign's own references.
+    """
+
+    tool_position: list[float]
+    tool_quaternion: list[float]
+    reflectors: list[list[float]]
+    tracker_position: list[float]
+    tracker_rotation_xyz_deg: list[float]
+    tool_mass: float = 0.0
+    tool_centre_of_mass: list[float] = field(default_factory=lambda: [0.0] * 3)
+    urdf: str = ""
+    register: bool = True
+
+    def __post_init__(self) -> None:
+        """Check shapes."""
+        finite_array("tool_position", self.tool_position, (3,))
+        length = np.linalg.norm(finite_array("tool_quaternion", self.tool_quaternion, (4,)))
+        in_range("length of tool_quaternion", float(length), 1.0 - 1e-6, 1.0 + 1e-6)
+        in_range("tool_mass", self.tool_mass, 0.0, 1e4)
+        finite_array("tool_centre_of_mass", self.tool_centre_of_mass, (3,))
+        points = finite_array("reflectors", self.reflectors, (None, 3))
+        try:
+            require_spread("reflectors", points)
+        except RegistrationError as error:
+            raise ConfigError(str(error)) from error
+        finite_array("tracker_position", self.tracker_position, (3,))
+        finite_array("tracker_rotation_xyz_deg", self.tracker_rotation_xyz_deg, (3,))
+        if self.urdf:
+            object.__setattr__(self, "urdf", str(beside(self.urdf)))
+
+    @cached_property
+    def tool_rotation(self) -> FloatArray:
+        """(3, 3) from platform to flange axes."""
+        w, x, y, z = self.tool_quaternion
+        return np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix())
+
+    @cached_property
+    def tracker_rotation(self) -> FloatArray:
+        """(3, 3) from tracker to base axes."""
+        angles = self.tracker_rotation_xyz_deg
+        return np.asarray(Rotation.from_euler("XYZ", angles, degrees=True).as_matrix())
+
+
+@plain_dataclass(frozen=True, eq=False)
+class Point:
+    """One stop of the trajectory, the same at every reflector of a configuration.
+
+    Attributes:
+        load: number, from 0.
+        leg: which of the trajectory's ways it belongs to, from 0; a reference is one of its own.
+        branch: 1 on the way up, -1 on the way down, 0 an unloaded reference.
+        tension: (n,) [N].
+    """
+
+    load: int
+    leg: int
+    branch: int
+    tension: FloatArray
+
+
+@dataclass(frozen=True, config=STRICT)
+class CampaignPlan:
+    """What a campaign is to do.
+
+    Attributes:
+        rig: see MeasuringRig.
+        configurations: of the robot, in this order.
+        reflectors: of the tracker, in this order, at every configuration.
+        paths: tensions at every configuration.
+        validation_configurations: where the prediction is compared with other loads, at the end.
+        validation_paths: those loads.
+        reference_every: so many paths between two unloaded references.
+        averaging_time: of a measurement [s].
+        tension_rate: how fast the tensions change [N/s].
+        settling: see Settling.
+        steady_force: largest standard deviation of a force during a measurement [N].
+        steady_torque: likewise of a torque [N m].
+        retries: of what fails; then it is skipped.
+        accuracy: stop when every joint's relative standard deviation is below it; 0: never.
+        model: of the running estimate: linear, cubic or as_published.
+        wrench_limit: (6,) largest wrench on the platform; a load beyond it is skipped [N, N m].
+        move_timeout: of a motion [s].
+        pretighten_timeout: [s].
+        measure_timeout: of a measurement besides its averaging time [s].
+    """
+
+    rig: MeasuringRig
+    configurations: list[int]
+    paths: list[TensionPath]
+    reflectors: list[int] = field(default_factory=lambda: [0, 1, 2])
+    validation_configurations: list[int] = field(default_factory=list)
+    validation_paths: list[TensionPath] = field(default_factory=list)
+    reference_every: int = 2
+    averaging_time: float = 0.2
+    tension_rate: float = 250.0
+    settling: Settling = field(default_factory=Settling)
+    steady_force: float = 1.0
+    steady_torque: float = 0.1
+    retries: int = 2
+    accuracy: float = 0.0
+    model: str = "linear"
+    wrench_limit: list[float] = field(
+        default_factory=lambda: [140.0, 140.0, 420.0, 12.0, 12.0, 12.0]
+    )
+    move_timeout: float = 60.0
+    pretighten_timeout: float = 30.0
+    measure_timeout: float = 30.0
+
+    def __post_init__(self) -> None:
+        """Check numbers and that the lists fit each other."""
+        for name in ("configurations", "reflectors", "paths"):
+            if not getattr(self, name):
+                raise ConfigError(f"{name}: expected at least one, got none")
+        both = [*self.configurations, *self.validation_configurations]
+        if len(set(both)) != len(both) or len(set(self.reflectors)) != len(self.reflectors):
+            raise ConfigError("configurations, reflectors: expected each only once")
+        last = len(self.rig.reflectors) - 1
+        for number in self.reflectors:
+            in_range("reflectors", number, 0, last)
+        for number in both:
+            in_range("configurations", number, 0, 65535)
+        if bool(self.validation_configurations) != bool(self.validation_paths):
+            raise ConfigError("validation: expected both configurations and paths, or neither")
+        lengths = {len(path.peak) for path in (*self.paths, *self.validation_paths)}
+        if len(lengths) != 1:
+            raise ConfigError(f"peak: expected one tension for each limb, got {sorted(lengths)}")
+        if self.model not in MODELS:
+            raise ConfigError(f"model: expected one of {', '.join(MODELS)}, got {self.model!r}")
+        finite_array("wrench_limit", self.wrench_limit, (6,))
+        in_range("reference_every", self.reference_every, 1, 1000)
+        in_range("averaging_time", self.averaging_time, 0.01, 600.0)
+        in_range("tension_rate", self.tension_rate, 1.0, 1e4)
+        in_range("steady_force", self.steady_force, 1e-3, 1e3)
+        in_range("steady_torque", self.steady_torque, 1e-4, 1e3)
+        in_range("retries", self.retries, 0, 100)
+        in_range("accuracy", self.accuracy, 0.0, 1.0)
+        for name in ("move_timeout", "pretighten_timeout", "measure_timeout"):
+            in_range(name, getattr(self, name), 0.1, 3600.0)
+
+    @property
+    def limbs(self) -> int:
+        """Number of tensions of a path."""
+        return len(self.paths[0].peak)
+
+    def is_validation(self, configuration: int) -> bool:
+        """Whether a configuration's loads are kept out of the identification."""
+        return configuration in self.validation_configurations
+
+    def stops(self, rest_tension: float) -> list[tuple[int, list[Point]]]:
+        """Every configuration in order, with its trajectory.
+
+        Args:
+            rest_tension: of the unloaded limbs [N].
+        """
+        here = points(self.paths, self.reference_every, rest_tension)
+        there = points(self.validation_paths, self.reference_every, rest_tension)
+        return [
+            *((number, here) for number in self.configurations),
+            *((number, there) for number in self.validation_configurations),
+        ]
+
+    def total(self, rest_tension: float) -> int:
+        """Number of loads, references included."""
+        trajectories = self.stops(rest_tension)
+        return len(self.reflectors) * sum(len(trajectory) for _, trajectory in trajectories)
+
+
+def points(paths: list[TensionPath], reference_every: int, rest_tension: float) -> list[Point]:
+    """The trajectory's stops: paths, and references before, between and behind them."""
+    found: list[Point] = []
+    rest = np.full(len(paths[0].peak) if paths else 0, rest_tension)
+    leg = 0
+    for number, path in enumerate(paths):
+        if number % reference_every == 0:
+            found.append(Point(len(found), leg, REFERENCE, rest))
+            leg += 1
+        for share, branch in _ways(path):
+            tension = rest + share * (np.array(path.peak) - rest)
+            found.append(Point(len(found), leg, branch, tension))
+        leg += 1
+    if paths:
+        found.append(Point(len(found), leg, REFERENCE, rest))
+    return found
+
+
+def _ways(path: TensionPath) -> Iterator[tuple[float, int]]:
+    for share in path.stops:
+        yield share, LOADING
+    if path.down:
+        for share in reversed(path.stops[:-1]):
+            yield share, UNLOADING
+
+
+def load_plan(path: str | Path = "") -> CampaignPlan:
+    """Read a campaign; empty: the bench's.
+
+    Raises:
+        ConfigError: if the file cannot be used; the message names file, key and reason.
+    """
+    return load_config(CampaignPlan, path or packaged("cabols_stiffness", BENCH))

@@ -1,0 +1,224 @@
+"""What a campaign hears of the rig: newest states, rolling streams, and all of it in a bag."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+
+from cabols_control.bags.metadata import OfferedQos
+from cabols_control.bags.writer import BagWriter
+from cabols_control.modes import OperatingMode
+from cabols_control.ros import topics
+from cabols_control.ros.guarded_thread import GuardedThread
+from cabols_control.ros.loop import Input, LoopGroup, make_wait_set, wait_for
+from cabols_control.ros.node import ControlNode
+from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_stiffness.window import Rolling
+
+GATHER_S = 0.01
+IDLE_NS = 50_000_000
+DEPTH = 4000
+"""Every sample counts, also when this process is late itself."""
+KEPT_WRENCHES, KEPT_JOINTS = 120_000, 40_000
+FLUSH_S = 0.5
+RECORDED = {
+    "wrench": "geometry_msgs/msg/WrenchStamped",
+    "joint_states": "sensor_msgs/msg/JointState",
+    "mode": "cabols_msgs/msg/Mode",
+    "reflector_measurement": "cabols_msgs/msg/ReflectorMeasurement",
+    "stiffness_load": "cabols_msgs/msg/StiffnessLoad",
+    "stiffness_estimate": "cabols_msgs/msg/StiffnessEstimate",
+}
+"""What an analysis needs, and what the campaign found meanwhile; `recorder` records everything."""
+
+
+class CampaignBag:
+    """The campaign's own bag; any thread may add."""
+
+    def __init__(self, folder: Path, metadata: dict[str, str]) -> None:
+        """Create it.
+
+        Raises:
+            BagError: if it cannot be created.
+        """
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        self._writer = BagWriter(folder, metadata)
+        for topic, type_name in RECORDED.items():
+            self._writer.add_topic(topic, type_name, OfferedQos(DEPTH, "reliable", "volatile"))
+        self._waiting: deque[tuple[int, str, int, bytes]] = deque()
+        self._lock = threading.Lock()
+        self._flushed = time.monotonic()
+        self._closed = False
+
+    def add(self, topic: str, raw: bytes, received_ns: int, sent_ns: int = 0) -> None:
+        """Queue one message."""
+        self._waiting.append((received_ns, topic, sent_ns or received_ns, raw))
+
+    def write(self, flush: bool = False) -> None:
+        """Write what waits; twice a second, or on demand, save it against kill -9."""
+        with self._lock:
+            if self._closed:
+                return
+            batch = [self._waiting.popleft() for _ in range(len(self._waiting))]
+            batch.sort(key=itemgetter(0))
+            for received_ns, topic, sent_ns, raw in batch:
+                self._writer.write(topic, received_ns, sent_ns, raw)
+            if flush or time.monotonic() - self._flushed > FLUSH_S:
+                self._writer.flush()
+                self._flushed = time.monotonic()
+
+    def close(self) -> None:
+        """Write the rest and complete the bag."""
+        self.write()
+        with self._lock:
+            self._closed = True
+            self._writer.close()
+
+
+class Stream:
+    """All messages of one topic, raw; into a Rolling and the bag."""
+
+    def __init__(
+        self, node: ControlNode, topic: str, columns: int, capacity: int, lockstep: bool
+    ) -> None:
+        qos = control_qos(lockstep)
+        wanted = QoSProfile(depth=DEPTH, reliability=qos.reliability, durability=qos.durability)
+        self.topic = topic
+        self._type = topics.TYPES[topic]
+        subscription = node.create_subscription(
+            self._type, topic, _unused, wanted, callback_group=LoopGroup(), raw=True
+        )
+        self._subscription = subscription
+        self._handle = subscription.handle
+        self.rolling = Rolling(columns, capacity)
+
+    def take(self, bag: CampaignBag | None) -> int:
+        """Take all that waits; return how many."""
+        stamps, rows = [], []
+        while (taken := self._handle.take_message(self._type, True)) is not None:
+            raw, info = taken
+            if bag is not None:
+                received = info["received_timestamp"] or time.time_ns()
+                bag.add(self.topic, raw, received, info["source_timestamp"])
+            stamp, row = self._numbers(raw)
+            stamps.append(stamp)
+            rows.append(row)
+        if stamps:
+            self.rolling.add(np.array(stamps, dtype=np.int64), np.array(rows))
+        return len(stamps)
+
+    def _numbers(self, raw: bytes) -> tuple[int, Any]:
+        raise NotImplementedError
+
+
+class WrenchStream(Stream):
+    """The sensor's wrench, platform axes."""
+
+    def __init__(self, node: ControlNode, lockstep: bool) -> None:
+        super().__init__(node, "wrench", 6, KEPT_WRENCHES, lockstep)
+        self._layout = topics.wrench_layout(node.rig.geometry.platform_frame)
+
+    def _numbers(self, raw: bytes) -> tuple[int, Any]:
+        record = self._layout.read(raw)
+        seconds, rest = int(record["header.stamp.sec"]), int(record["header.stamp.nanosec"])
+        return seconds * 1_000_000_000 + rest, record["wrench"]
+
+
+class JointStream(Stream):
+    """The robot's encoders."""
+
+    def __init__(self, node: ControlNode, lockstep: bool) -> None:
+        super().__init__(node, "joint_states", 6, KEPT_JOINTS, lockstep)
+
+    def _numbers(self, raw: bytes) -> tuple[int, Any]:
+        message = deserialize_message(raw, self._type)
+        stamp = message.header.stamp
+        return stamp.sec * 1_000_000_000 + stamp.nanosec, np.array(message.position)
+
+
+class Intake(GuardedThread):
+    """Takes everything every hundredth of a second, keeps the newest, tells who waits.
+
+    Attributes:
+        news: notified after each look.
+        wrenches: rolling (6,) [N, N m].
+        joints: rolling (6,) [rad].
+        mode: newest; None before the first.
+        reason: why it was entered.
+        tension: (n,) newest estimates [N].
+        zeroed: (n,) bool, newest.
+        pose: (7,) of the platform, position [m], quaternion x y z w; None before the first.
+        bag: where everything goes; None: nowhere.
+    """
+
+    def __init__(self, node: ControlNode) -> None:
+        """Subscribe; start() begins."""
+        super().__init__(node.context, "intake")
+        self._node = node
+        lockstep = node.lockstep
+        geometry = node.rig.geometry
+        qos = control_qos(lockstep)
+        # Of these only the newest counts; old ones need not even be looked at.
+        qos.depth = 1
+        self._wrench = WrenchStream(node, lockstep)
+        self._joint = JointStream(node, lockstep)
+        self._state = Input(node, "limb_state", topics.limb_state_layout(geometry), qos)
+        self._pose = Input(node, "platform_pose", topics.pose_layout(geometry), qos)
+        self._mode = Input(node, "mode", topics.mode_layout(""), latched_qos(lockstep))
+        self._wait_set = make_wait_set(node, 1)
+        self.news = threading.Condition()
+        self.wrenches, self.joints = self._wrench.rolling, self._joint.rolling
+        self.mode: OperatingMode | None = None
+        self.reason = ""
+        self.tension = np.full(geometry.cables, np.nan)
+        self.zeroed = np.zeros(geometry.cables, dtype=bool)
+        self.pose: np.ndarray | None = None
+        self.bag: CampaignBag | None = None
+        self.on_look = lambda: None
+
+    @property
+    def now_ns(self) -> int:
+        """The rig's time [ns]; -1 before the first sample."""
+        return self.wrenches.newest_ns
+
+    def body(self) -> None:
+        """Look until the end."""
+        self._node.prepare_thread()
+        while self.running:
+            if wait_for(self._wait_set, (self._wrench,), IDLE_NS):
+                self._stop.wait(GATHER_S)
+            with self.news:
+                self._look()
+                self.news.notify_all()
+            self.on_look()
+            bag = self.bag
+            if bag is not None:
+                bag.write()
+
+    def _look(self) -> None:
+        bag = self.bag
+        self._wrench.take(bag)
+        self._joint.take(bag)
+        if self._state.take():
+            record = self._state.record
+            self.tension = np.array(record["tension"])
+            self.zeroed = np.array(record["zeroed"], dtype=bool)
+        if self._pose.take():
+            self.pose = np.array(self._pose.record["pose"])
+        if self._mode.take():
+            self.mode = OperatingMode(int(self._mode.record["mode"]))
+            self.reason = self._mode.strings()["reason"]
+            if bag is not None:
+                bag.add("mode", self._mode.raw, time.time_ns())
+
+
+def _unused(_: bytes) -> None:
+    """Stand in for the callback that rclpy demands."""

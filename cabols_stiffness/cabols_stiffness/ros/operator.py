@@ -1,0 +1,181 @@
+"""Services and actions of the rig, called from a thread that waits."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cabols_msgs.action import MeasureReflector, MoveToConfiguration
+from cabols_msgs.srv import SetMode
+from rclpy.action import ActionClient
+
+from cabols_control.modes import OperatingMode
+from cabols_control.ros.node import ControlNode
+from cabols_stiffness.errors import CampaignError
+from cabols_stiffness.ros.intake import Intake
+
+ANSWER_S = 10.0
+"""Wall time for an answer that only says whether something was begun."""
+RETRY_S = 0.1
+STALL_S = 25.0
+"""Wall time without a sample after which the rig counts as gone; a lockstep clock gives up after
+20 s."""
+SLICE_S = 0.1
+ACTION_STRETCH = 20.0
+"""Wall time that an action may take for each second of the rig's: lockstep may be slow."""
+
+
+class InterruptedCampaignError(CampaignError):
+    """The campaign cannot go on now: an abort, a FAULT, a rig that is gone."""
+
+
+class Operator:
+    """What an operator does at the console, for a campaign's thread.
+
+    Every wait ends: after its time on the rig's clock, with FAULT, with an abort, or when samples
+    stop.
+    """
+
+    def __init__(self, node: ControlNode, intake: Intake) -> None:
+        """Make the clients."""
+        self._node = node
+        self._intake = intake
+        self._set_mode = node.create_client(SetMode, "set_mode")
+        self._move = ActionClient(node, MoveToConfiguration, "move_to_configuration")
+        self._measure = ActionClient(node, MeasureReflector, "measure_reflector")
+        self._aborted = ""
+        self._goal: Any = None
+
+    def abort(self, reason: str) -> None:
+        """End every wait, now and later, with InterruptedCampaignError."""
+        self._aborted = self._aborted or reason
+
+    def forget_abort(self) -> None:
+        """Let waits be waits again, so that the rig can be unloaded."""
+        self._aborted = ""
+
+    def until(
+        self,
+        condition: Callable[[], bool],
+        seconds: float,
+        loading: bool = False,
+    ) -> bool:
+        """Wait for a condition.
+
+        Args:
+            condition: looked at after every look of the intake.
+            seconds: of the rig's time.
+            loading: whether the mode must stay LOADING meanwhile.
+
+        Returns:
+            False when the time is over.
+
+        Raises:
+            InterruptedCampaignError: see the class.
+        """
+        intake = self._intake
+        began_ns, seen_ns, seen_at = intake.now_ns, intake.now_ns, time.monotonic()
+        while True:
+            with intake.news:
+                if condition():
+                    return True
+                intake.news.wait(SLICE_S)
+                now_ns = intake.now_ns
+            self._look_around(loading)
+            if now_ns != seen_ns:
+                seen_ns, seen_at = now_ns, time.monotonic()
+            elif time.monotonic() - seen_at > STALL_S:
+                raise InterruptedCampaignError(
+                    f"no wrench for {STALL_S:g} s: is the bridge running?"
+                )
+            if 1e-9 * (now_ns - began_ns) > seconds:
+                return condition()
+
+    def _look_around(self, loading: bool) -> None:
+        intake = self._intake
+        if self._aborted:
+            raise InterruptedCampaignError(self._aborted)
+        if not self._node.context.ok():
+            raise InterruptedCampaignError("the node ends")
+        if intake.mode == OperatingMode.FAULT:
+            raise InterruptedCampaignError(f"the rig is in FAULT: {intake.reason}")
+        if loading and intake.mode != OperatingMode.LOADING:
+            name = "unknown" if intake.mode is None else intake.mode.name
+            raise InterruptedCampaignError(f"the mode became {name}: {intake.reason}")
+
+    def pause(self, seconds: float) -> None:
+        """Let so much of the rig's time pass."""
+        self.until(lambda: False, seconds)
+
+    def enter(self, mode: OperatingMode, seconds: float) -> str:
+        """Ask for a mode until it is granted and there; return why that failed, or nothing."""
+        intake, refusal = self._intake, "not asked yet"
+        until_ns = intake.now_ns + round(1e9 * seconds)
+        while intake.now_ns < until_ns:
+            answer = self._answer(self._set_mode.call_async(SetMode.Request(mode=int(mode))))
+            if answer is None:
+                refusal = "the supervisor does not answer"
+            elif answer.success:
+                if self.until(lambda: intake.mode == mode, seconds):
+                    return ""
+                return f"{mode.name} was granted but did not come within {seconds:g} s"
+            else:
+                refusal = answer.message
+            self.pause(RETRY_S)
+        return f"{mode.name} was not granted: {refusal}"
+
+    def move(self, configuration: int, seconds: float) -> str:
+        """Move the robot; return why that failed, or nothing."""
+        goal = MoveToConfiguration.Goal(index=configuration)
+        result, reason = self._act(self._move, goal, seconds)
+        return reason or ("" if result.success else result.message or "the motion failed")
+
+    def measure(self, reflector: int, averaging_s: float, seconds: float) -> tuple[Any, str]:
+        """Measure a reflector; return the ReflectorMeasurement, and why that failed, or nothing."""
+        goal = MeasureReflector.Goal(reflector=reflector, averaging_time=averaging_s, search=True)
+        result, reason = self._act(self._measure, goal, seconds, loading=True)
+        if reason:
+            return None, reason
+        return result.measurement, "" if result.success else result.message or "it failed"
+
+    def _act(
+        self, client: ActionClient, goal: Any, seconds: float, loading: bool = False
+    ) -> tuple[Any, str]:
+        if not client.wait_for_server(timeout_sec=ANSWER_S):
+            return None, "its node does not run: no action server"
+        handle = self._answer(client.send_goal_async(goal))
+        if handle is None or not handle.accepted:
+            return None, "refused; the node's log says why" if handle else "no answer to the goal"
+        future = handle.get_result_async()
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        give_up = time.monotonic() + ACTION_STRETCH * seconds
+        try:
+            while not done.wait(0.005):
+                self._look_around(loading)
+                if time.monotonic() > give_up:
+                    handle.cancel_goal_async()
+                    return None, f"no result within {ACTION_STRETCH * seconds:.0f} s"
+        except InterruptedCampaignError:
+            handle.cancel_goal_async()
+            raise
+        return future.result().result, ""
+
+    def _answer(self, future: Any) -> Any:
+        """Wait for a service's answer; None if there is none in time."""
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        give_up = time.monotonic() + ANSWER_S
+        while not done.wait(SLICE_S):
+            self._look_around(loading=False)
+            if time.monotonic() > give_up:
+                future.cancel()
+                return None
+        return future.result()
+
+    def close(self) -> None:
+        """Destroy the clients."""
+        self._move.destroy()
+        self._measure.destroy()
