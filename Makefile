@@ -34,7 +34,13 @@ design-geometry: setup  ## optimise the attachment points into build/design, che
 	@.venv/lib/cabols_control/workspace design $(ARGS)
 	@$(BIN)/python tests/bench/check_design.py build/design/geometry.yaml
 
-test: setup  ## run the tests
+console: setup  ## serve the operator's page for the simulated rig at http://localhost:8080
+	@.venv/lib/cabols_sim/console_bench $(ARGS)
+
+browser:  ## find or install the Chromium that the console's tests drive
+	@"$(HOST_PYTHON)" tools/setup_browser.py
+
+test: setup browser  ## run the tests
 	@$(BIN)/python -m pytest $(ARGS)
 
 lint: setup  ## check style and types
@@ -80,6 +86,10 @@ bench-registration: setup  ## compare the reflectors' registration with its cova
 bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_realtime.py $(ARGS)
+
+bench-console: setup  ## measure what the console costs the rig
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_console.py $(ARGS)
 
 faults: setup  ## break everything, 20 times each, in the loaded rig (two hours; goes on where it was)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)

@@ -60,6 +60,7 @@ ROS_PACKAGES = {
     "std_msgs",
     "std_srvs",
     "unique_identifier_msgs",
+    "visualization_msgs",
     *MAY_IMPORT,
 }
 # From pip or the vendor: docs/installing.md.
@@ -68,11 +69,14 @@ WITHOUT_KEY = {
     "daqp",
     "dask",
     "distributed",
+    "fastapi",
     "foxglove",
     "mcap",
     "nicegui",
     "pinocchio",
     "quanser",
+    "starlette",
+    "uvicorn",
     "zstandard",
 }
 
