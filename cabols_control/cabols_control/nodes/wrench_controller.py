@@ -14,7 +14,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare_robot
+from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.tension_reference import DesiredTension
 from cabols_control.warm_up import warm_wrenches
