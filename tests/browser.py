@@ -50,7 +50,7 @@ def chromium(profile: Path) -> Iterator[Any]:
             headless=True,
             viewport=SIZE,
         )
-        browser.set_default_timeout(30_000)
+        browser.set_default_timeout(90_000)
         try:
             yield browser
         finally:

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 from cabols_msgs.msg import Mode
+from playwright.sync_api import expect
 
 from cabols_control.configuration import packaged
 
@@ -75,8 +76,9 @@ class Panel:
         """Press a button by its data-name, once it is enabled."""
         self.page.locator(f"[data-name={name}]").click()
 
-    def enabled(self, name: str) -> bool:
-        return bool(self.page.locator(f"[data-name={name}]").is_enabled())
+    def expect_disabled(self, name: str) -> None:
+        """A button follows the rig within half a second."""
+        expect(self.page.locator(f"[data-name={name}]")).to_be_disabled()
 
     def text(self, name: str) -> str:
         return str(self.page.locator(f"[data-name={name}]").inner_text())

@@ -254,20 +254,16 @@ def test_a_page_that_does_not_answer_loses_command(desk):
 
 
 def test_a_page_that_is_loaded_again_stays_in_command(desk):
-    old = desk.open("one", "browser a", "x")
+    old, beside, again = (desk.open(name, "browser a", "x") for name in ("one", "two", "three"))
+    old.tab, beside.tab, again.tab = "left", "right", "left"
     desk.take("one")
-    early = desk.open("early", "browser a", "x")
-    desk.now += 60.0
-    desk.heard(old)
-    desk.heard(early)
-    again = desk.open("again", "browser a", "x")
     desk.heard(again)
     assert desk.lease.holder.page == "one", "the old page still answers"
     desk.lost(old)
-    desk.heard(early)
-    assert desk.lease.holder.page == "one", "a page that merely stands open is no operator's"
+    desk.heard(beside)
+    assert desk.lease.holder.page == "one", "another tab is another seat"
     desk.heard(again)
-    assert desk.lease.holder.page == "again"
+    assert desk.lease.holder.page == "three"
     assert desk.lease.attended
 
 

@@ -32,7 +32,7 @@ pytestmark = [pytest.mark.ros]
 
 DOMAINS = count(os.getpid())
 TOKEN = "a-token-of-the-tests-0123456789"
-PATIENCE_S = 60.0
+PATIENCE_S = 110.0
 
 
 @pytest.fixture

@@ -125,12 +125,12 @@ class Holder:
 
     Attributes:
         page: its id.
-        session: its browser's id; the same for a page that was loaded again.
+        seat: its browser's and tab's id; the same for a page that was loaded again.
         name: shown to the others.
     """
 
     page: str
-    session: str
+    seat: str
     name: str
 
 
@@ -147,20 +147,20 @@ class Lease:
         """Whether a page is in command and answers."""
         return self.holder is not None and self._alive(self.holder.page)
 
-    def take(self, page: str, session: str, name: str) -> str:
+    def take(self, page: str, seat: str, name: str) -> str:
         """Take command; returns why not, empty if it was granted."""
         holder = self.holder
         if holder is not None and holder.page != page and self._alive(holder.page):
             return f"{holder.name} is in command: let them release it first"
-        self.holder = Holder(page, session, name)
+        self.holder = Holder(page, seat, name)
         return ""
 
-    def adopt(self, page: str, session: str, name: str) -> bool:
-        """Give command to a page that replaces the same browser's lost one, e.g. reloaded."""
+    def adopt(self, page: str, seat: str, name: str) -> bool:
+        """Give command to a page that replaces the lost one in the same tab: loaded again."""
         holder = self.holder
-        if holder is None or holder.session != session or self._alive(holder.page):
+        if holder is None or holder.seat != seat or self._alive(holder.page):
             return False
-        self.holder = Holder(page, session, name)
+        self.holder = Holder(page, seat, name)
         return True
 
     def release(self, page: str) -> bool:

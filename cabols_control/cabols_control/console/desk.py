@@ -15,9 +15,6 @@ from cabols_control.modes import OperatingMode
 
 ALIVE_S = 2.0
 """A page that has not answered for so long is lost; it answers twice a second."""
-RELOAD_S = 10.0
-"""A page is loaded again when it is opened no earlier than this before the old one fell silent:
-the old one answers until the new one has come, which takes long on a busy machine."""
 FORGET_S = 120.0
 FREE_FOR_ALL = ("emergency_stop",)
 """What a page may do that is not in command."""
@@ -59,9 +56,9 @@ class Viewer:
         page: its id.
         session: its browser's id.
         name: shown to others.
-        opened_s: when it was opened, monotonic clock.
         answered_s: when it answered last, monotonic clock; it has until ALIVE_S after opening.
         closed: whether its wire has ended.
+        tab: told by the page when it opens its wire; the same when it is loaded again.
         sent: number of the newest frame that was sent.
         acked: number of the newest frame that it has told of.
     """
@@ -69,9 +66,15 @@ class Viewer:
     page: str
     session: str
     name: str
-    opened_s: float
     answered_s: float
     closed: bool = False
+    tab: str = ""
+
+    @property
+    def seat(self) -> str:
+        """Browser and tab: who sits there."""
+        return f"{self.session} {self.tab}"
+
     sent: int = 0
     acked: int = 0
 
@@ -118,13 +121,9 @@ class Desk:
         return self._clock() - viewer.answered_s <= ALIVE_S
 
     def heard(self, viewer: Viewer) -> None:
-        """Take a page's sign of life; one just loaded again goes on in command."""
+        """Take a page's sign of life; one that was loaded again goes on in command."""
         viewer.answered_s, viewer.closed = self._clock(), False
-        holder = self.lease.holder
-        if holder is None or holder.page == viewer.page:
-            return
-        old = self.viewers.get(holder.page)
-        if old is None or viewer.opened_s >= old.answered_s - RELOAD_S:
+        if viewer.tab:
             self.adopt(viewer)
 
     def lost(self, viewer: Viewer) -> None:
@@ -138,7 +137,7 @@ class Desk:
         for key in [k for k, v in self.viewers.items() if now - v.answered_s > FORGET_S]:
             del self.viewers[key]
         self._opened += 1
-        viewer = Viewer(page, session, f"page {self._opened} ({address})", now, now)
+        viewer = Viewer(page, session, f"page {self._opened} ({address})", now)
         self.viewers[page] = viewer
         return viewer
 
@@ -147,7 +146,7 @@ class Desk:
         viewer = self.viewers.get(page)
         if viewer is None:
             return Answer(False, "this page is not known any more: load it again")
-        refusal = self.lease.take(page, viewer.session, viewer.name)
+        refusal = self.lease.take(page, viewer.seat, viewer.name)
         if refusal:
             return Answer(False, refusal)
         self._tell_operator(f"{viewer.name} has taken command")
@@ -155,7 +154,7 @@ class Desk:
 
     def adopt(self, viewer: Viewer) -> None:
         """Give command to a page that replaces its browser's lost one."""
-        if self.lease.adopt(viewer.page, viewer.session, viewer.name):
+        if self.lease.adopt(viewer.page, viewer.seat, viewer.name):
             self._tell_operator(f"{viewer.name} goes on in command")
 
     def release(self, page: str) -> Answer:

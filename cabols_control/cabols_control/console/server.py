@@ -165,6 +165,7 @@ class ConsoleServer:
             return
         waker = asyncio.Event()
         self._wakers.add(waker)
+        viewer.tab = wire.query_params.get("tab", "")[:64]
         viewer.sent = viewer.acked = self._desk.mailbox.frame()[0]
         hearing = asyncio.create_task(self._hear(wire, viewer))
         try:

@@ -8,6 +8,16 @@ const RETRY_MS = 800;
 
 const settings = JSON.parse(document.getElementById("console-settings").textContent);
 
+// A page that is loaded again keeps its tab's id, and with it command.
+function tabId() {
+  const known = sessionStorage.getItem("cabols-tab");
+  if (known) return known;
+  const bytes = crypto.getRandomValues(new Uint8Array(12));
+  const made = [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+  sessionStorage.setItem("cabols-tab", made);
+  return made;
+}
+
 async function whenThere(id) {
   for (;;) {
     const found = document.getElementById(id);
@@ -52,7 +62,7 @@ class Wire {
 
   connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    this.socket = new WebSocket(`${scheme}://${location.host}/live?page=${settings.page}`);
+    this.socket = new WebSocket(`${scheme}://${location.host}/live?page=${settings.page}&tab=${tabId()}`);
     this.socket.onmessage = (event) => this.hear(JSON.parse(event.data));
     this.socket.onclose = (event) => {
       // 4404: the server does not know this page any more, e.g. after its restart.
