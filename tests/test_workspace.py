@@ -34,6 +34,7 @@ ROSDEP_KEY = {
     "grpc": "python3-grpcio",
     "jinja2": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
+    "mpl_toolkits": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "psutil": "python3-psutil",

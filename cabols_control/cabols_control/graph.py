@@ -208,6 +208,12 @@ ARGUMENTS = (
         "command_timeout", 0.0, "s, replaces the control file's; 0: its", ("limb_controller",)
     ),
     Argument(
+        "tension_method",
+        "",
+        "min_norm, p_norm, barycentre or analytic_centre; empty: the control file's",
+        ("wrench_controller",),
+    ),
+    Argument(
         "fifo_priority",
         0,
         "SCHED_FIFO priority of bridge and limb controller, from 3; the wrench controller gets 1 "
@@ -267,6 +273,10 @@ ARGUMENTS = (
         ("supervisor",),
     ),
     Argument("campaign", False, "with the nodes of stiffness campaigns", ()),
+    Argument(
+        "campaign_file", "", "campaign.yaml of campaigns that name none", ("stiffness_campaign",)
+    ),
+    Argument("campaign_folder", "", "folder of campaigns that name none", ("stiffness_campaign",)),
     Argument("auto_start", False, "pre-tighten and load without being asked", ("supervisor",)),
     Argument("plant_file", "", "YAML of the simulated rig; empty: bench", ("plant",), ("bench",)),
     Argument("linear", False, "simulate the linear plant", ("plant",), ("bench",)),

@@ -158,10 +158,10 @@ class LimbController:
         wanted, speed = self._plan(sample, mode, setpoint, entered, dt_s)
         changed = self._set_references(sample, wanted, speed, min(dt_s, LONGEST_STEP_S))
         if not self._moving or dt_s > LONGEST_STEP_S:
-            changed[:] = True
+            self._changed[:] = changed = True
             self._moving = True
-        if changed.any():
-            self._restart(changed)
+        if changed:
+            self._restart(self._changed)
         if dt_s <= LONGEST_STEP_S:
             if not self._law.advance(self._reference, self._position, dt_s):
                 self.fault = "not finite: tension_command, or limb_state's elongation or tension"
@@ -253,10 +253,10 @@ class LimbController:
 
     def _set_references(
         self, sample: LimbSample, wanted: FloatArray, speed: float, dt_s: float
-    ) -> BoolArray:
-        """Fill reference and position; return (n,) bool, where the kind of control changes."""
+    ) -> bool:
+        """Fill reference and position; return whether any kind of control changes."""
         pick = self._pick
-        references_into(
+        changed = references_into(
             self._kind,
             sample.zeroed[pick],
             sample.switch_closed[pick],
@@ -275,7 +275,7 @@ class LimbController:
             self._position,
             self._reference,
         )
-        return self._changed
+        return bool(changed)
 
     def _restart(self, which: BoolArray) -> None:
         """Continue from the present currents, at rest, without a bump."""

@@ -43,7 +43,7 @@ def references_into(
     rate: FloatArray,
     position: FloatArray,
     reference: FloatArray,
-) -> None:
+) -> bool:
     """Fill the law's inputs for n limbs; all arrays (n,) but kind.
 
     Args:
@@ -64,11 +64,16 @@ def references_into(
         rate: at which it grows, filtered; updated [m/s].
         position: what the law differentiates [m].
         reference: of the law [m/s].
+
+    Returns:
+        Whether any kind of control changes.
     """
+    any_changed = False
     share = dt_s / (RATE_FILTER_S + dt_s)
     for i in range(wound.shape[0]):
         now = kind[i, 1] if zeroed[i] else kind[i, 0]
         changed[i] = now != previous[i]
+        any_changed |= now != previous[i]
         previous[i] = now
         position[i] = wound[i]
         reference[i] = 0.0
@@ -93,6 +98,7 @@ def references_into(
             rate[i] += share * ((beyond - length[i]) / dt_s - rate[i])
             length[i] = beyond
             reference[i] -= rate[i]
+    return any_changed
 
 
 @njit(cache=True)

@@ -42,6 +42,21 @@ def warm_wrenches(rig: Rig) -> None:
         controller.step(0.001 * k, measured, OperatingMode.LOADING, wanted)
 
 
+def warm_workspace(rig: Rig) -> None:
+    """Compile, or load from the cache, what the command `workspace` calls."""
+    from cabols_control.workspace.bodies import load_bodies
+    from cabols_control.workspace.capacity import capacity_along
+    from cabols_control.workspace.interference import clearance_along, free_turn
+    from cabols_control.workspace.wrench_set import wrench_box
+
+    geometry, bodies = rig.geometry, load_bodies()
+    pose = (geometry.reference_position[None], geometry.reference_rotation[None])
+    limits = (rig.control.tension_min, rig.control.tension_max)
+    capacity_along(geometry, *pose, *limits, wrench_box(rig.control.rated))
+    clearance_along(geometry, bodies, *pose)
+    free_turn(geometry, bodies, pose[0][0], pose[1][0], (0.0, 0.0, 1.0), 0.1)
+
+
 def main() -> None:
     """Call every compiled kernel of this package once."""
     rig = load_rig()
@@ -52,6 +67,7 @@ def main() -> None:
     distribute(matrix, np.full(6, 1e4), 1.0, 100.0)
     time = np.arange(100) * 0.001
     identify_limb(time, np.ones(100), time**2)
+    warm_workspace(rig)
 
 
 if __name__ == "__main__":

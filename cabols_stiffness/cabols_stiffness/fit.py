@@ -216,6 +216,9 @@ def _gauss_newton(
     covariance[np.ix_(chosen, chosen)] = inverse @ inverse.T
     free = np.zeros(scale.size, dtype=np.bool_)
     free[chosen] = (np.abs(right[~known]) > 1e-3).any(axis=0)
+    # A softening that was stopped at its bound is no estimate, nor is the slope beside it.
+    bound = model.cubic & (parameters.cubic <= 0.999 * _least_cubic(parameters.compliance, line))
+    free[: 2 * JOINTS] |= np.tile(bound, 2)
     return Fitted(
         parameters, scale, covariance, free, use,
         float(target @ target),
@@ -230,9 +233,22 @@ def _close(before: Parameters, after: Parameters) -> bool:
 
 
 def _scales(parameters: Parameters, line: Linearised) -> FloatArray:
-    reach = np.maximum(np.abs(line.balance.deflection).max(axis=0, initial=0.0), 1e-9)
+    reach = _reach(line)
     stiffness = 1.0 / parameters.compliance
     return np.concatenate([parameters.compliance, stiffness / reach**2, stiffness * reach])
+
+
+def _reach(line: Linearised) -> FloatArray:
+    """(6,) largest deflection of each joint [rad]."""
+    return np.asarray(np.maximum(np.abs(line.balance.deflection).max(axis=0, initial=0.0), 1e-9))
+
+
+def _least_cubic(compliance: FloatArray, line: Linearised) -> FloatArray:
+    """(6,) bound of cubic terms [N m/rad^3].
+
+    Softening so strong that the torque falls again within the data has no balance.
+    """
+    return np.asarray(-0.25 / (compliance * _reach(line) ** 2))
 
 
 def _columns(line: Linearised, parameters: Parameters, model: Model) -> FloatArray:
@@ -256,9 +272,7 @@ def _moved(
     full *= scale
     old = parameters.compliance
     compliance = np.clip(old + full[:JOINTS], 0.2 * old, 5.0 * old)
-    # Softening so strong that the torque would fall again within the data has no balance.
-    reach = np.maximum(np.abs(line.balance.deflection).max(axis=0, initial=0.0), 1e-9)
-    least = -0.25 / (compliance * reach**2)
+    least = _least_cubic(compliance, line)
     cubic = np.maximum(parameters.cubic + full[JOINTS : 2 * JOINTS], least)
     return replace(
         parameters,

@@ -132,19 +132,48 @@ def _scored(
     matrix = rows.columns[found.use].reshape(-1, columns.shape[2])
     count = base.shape[2]
     target = rows.residual[found.use].ravel() + matrix[:, count]
+    tried = matrix[:, count + 1 :].reshape(target.size, len(reaches), JOINTS)
+    others = found.columns[:, :, ~found.elastic]
+    rubbing = whiten(line, others, samples, weights).columns[found.use]
+    best = np.array(
+        [
+            _best(
+                tried[:, :, j],
+                target,
+                np.hstack([matrix[:, :count], _without(rubbing, model, j)]),
+            )
+            for j in range(JOINTS)
+        ]
+    )
+    joint = np.arange(JOINTS)
     basis, _ = np.linalg.qr(matrix[:, :count])
-    rest = matrix[:, count + 1 :]
-    rest = rest - basis @ (basis.T @ rest)
+    chosen = tried[:, best, joint]
+    chosen = chosen - basis @ (basis.T @ chosen)
     target = target - basis @ (basis.T @ target)
-    length = np.linalg.norm(rest, axis=0)
-    usable = length > 1e-9 * max(float(length.max(initial=0.0)), 1e-300)
-    score = np.where(usable, (rest.T @ target) / np.where(usable, length, 1.0), 0.0)
-    score = score.reshape(len(reaches), JOINTS)
-    best, joint = np.argmax(score, axis=0), np.arange(JOINTS)
-    chosen = rest[:, best * JOINTS + joint]
     explained, *_ = np.linalg.lstsq(chosen, target, rcond=1e-9)
     gain = float(np.sum((chosen @ explained) ** 2))
     return _Scored(reaches[best, joint], gain, chosen, target, share[:, best, joint])
+
+
+def _without(rubbing: FloatArray, model: Model, joint: int) -> FloatArray:
+    """(n, p) friction columns (k, m, p) of the other joints that rub."""
+    others = np.flatnonzero(model.rubs) != joint
+    rows = rubbing.shape[0] * rubbing.shape[1]
+    return np.asarray(rubbing[:, :, others].reshape(rows, int(others.sum())))
+
+
+def _best(tried: FloatArray, target: FloatArray, beside: FloatArray) -> int:
+    """Which of the columns (n, c) explains most of a target (n,), beside other columns (n, p).
+
+    Only friction against the motion counts, so a column must explain with a positive sign.
+    """
+    basis, _ = np.linalg.qr(beside)
+    rest = tried - basis @ (basis.T @ tried)
+    length = np.linalg.norm(rest, axis=0)
+    usable = length > 1e-9 * max(float(length.max(initial=0.0)), 1e-300)
+    left = target - basis @ (basis.T @ target)
+    score = np.where(usable, (rest.T @ left) / np.where(usable, length, 1.0), 0.0)
+    return int(np.argmax(score))
 
 
 def _significant(columns: FloatArray, target: FloatArray, freedom: int) -> BoolArray:

@@ -14,6 +14,7 @@ from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measured import MeasuredLoad
 from cabols_stiffness.robot import RobotModel, load_robot
 from cabols_stiffness.samples import REFERENCE, PointSamples
+from cabols_stiffness.second_pass import loaded_posture
 
 FEWEST_POSES = 4
 """Configurations with all reflectors, from which the tracker is registered; fewer: nominal."""
@@ -60,38 +61,44 @@ def nominal_frames(rig: MeasuringRig) -> Frames:
     return Frames(position, rig.tracker_rotation, reflectors, float("nan"), 0)
 
 
-def frames_of(loads: Sequence[MeasuredLoad], rig: MeasuringRig, robot: RobotModel) -> Frames:
+def frames_of(
+    loads: Sequence[MeasuredLoad],
+    rig: MeasuringRig,
+    robot: RobotModel,
+    parameters: FloatArray | None = None,
+) -> Frames:
     """Register tracker and reflectors from the unloaded references, if they are enough.
-
-    The robot's poses there come from its encoders; what the cables' least tension bends is below
-    its repeatability.
 
     Args:
         loads: measured so far.
         rig: nominal values.
         robot: with the platform as its tool.
+        parameters: (12,) of a first result, by which the cables' least tension bends the robot
+            there; None: the encoders' poses.
     """
     nominal = nominal_frames(rig)
-    if not rig.register:
-        return nominal
-    first: dict[tuple[int, int], MeasuredLoad] = {}
+    seen: dict[tuple[int, int], list[MeasuredLoad]] = {}
     for load in loads:
         if load.branch == REFERENCE:
-            first.setdefault((load.configuration, load.reflector), load)
+            seen.setdefault((load.configuration, load.reflector), []).append(load)
     count = len(rig.reflectors)
-    seen = {configuration for configuration, _ in first}
-    poses = [c for c in sorted(seen) if all((c, r) in first for r in range(count))]
-    if len(poses) < FEWEST_POSES:
+    configurations = sorted({configuration for configuration, _ in seen})
+    poses = [c for c in configurations if all((c, r) in seen for r in range(count))]
+    if not rig.register or len(poses) < FEWEST_POSES:
         return nominal
-    rows = [[first[c, r] for r in range(count)] for c in poses]
-    posture = robot.posture(np.array([row[0].average.joints for row in rows]))
+    rows = [[seen[c, r] for r in range(count)] for c in poses]
+    joints = np.array([row[0][0].average.joints for row in rows])
+    wrench = np.array([row[0][0].average.wrench for row in rows])
+    posture = robot.posture(joints)
+    if parameters is not None:
+        posture = loaded_posture(robot, joints, wrench, parameters)
     try:
         found = register_frame(
             posture.position,
             posture.rotation,
             nominal.reflectors,
-            [[load.position for load in row] for row in rows],
-            [[load.position_covariance for load in row] for row in rows],
+            [[np.mean([m.position for m in same], axis=0) for same in row] for row in rows],
+            [[_spread(same) for same in row] for row in rows],
             pose_covariance=REPEATABILITY,
             solve_reflectors=True,
         )
@@ -100,8 +107,13 @@ def frames_of(loads: Sequence[MeasuredLoad], rig: MeasuringRig, robot: RobotMode
         return nominal
     if not found.converged:
         return nominal
-    residual = found.residual_rms
-    return Frames(found.position, found.rotation, found.reflectors, residual, len(poses))
+    return Frames(found.position, found.rotation, found.reflectors, found.residual_rms, len(poses))
+
+
+def _spread(same: Sequence[MeasuredLoad]) -> FloatArray:
+    """(3, 3) of the mean of some measurements of one reflector."""
+    mean = np.mean([load.position_covariance for load in same], axis=0)
+    return np.asarray(mean / len(same))
 
 
 def to_points(loads: Sequence[MeasuredLoad], frames: Frames) -> PointSamples:

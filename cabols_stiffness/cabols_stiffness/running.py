@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from cabols_stiffness.campaign.plan import CampaignPlan
 from cabols_stiffness.fit import IdentificationError
-from cabols_stiffness.identification import identify
+from cabols_stiffness.loads_result import identify_loads
 from cabols_stiffness.measured import MeasuredLoad
-from cabols_stiffness.points import frames_of, robot_of, to_points
+from cabols_stiffness.points import robot_of
 from cabols_stiffness.result import StiffnessResult
 
 
@@ -45,11 +45,10 @@ class RunningIdentification:
         mine = [load for load in loads if not self._plan.is_validation(load.configuration)]
         self._loads += mine
         if mine:
-            frames = frames_of(self._loads, self._plan.rig, self._robot)
-            samples = to_points(self._loads, frames)
+            rig = self._plan.rig
             try:
-                self.result = identify(samples, self._robot, self.model, start=self.result)
-                self.reason = ""
+                found = identify_loads(self._loads, rig, self._robot, self.model, self.result)
+                self.result, self.reason = found.result, ""
             except IdentificationError as error:
                 self.reason = str(error)
         return self.result

@@ -65,6 +65,7 @@ class LimbControllerNode(ControlNode):
         )
         self._loop.prepare = self.prepare_thread
         self.seen_mode = OperatingMode.STOPPED
+        self._mode_count = 0
         # Two controllers with a part of the limbs each would offer the same action twice, and
         # neither could pre-tighten the other's limbs.
         every = len(limbs) == geometry.cables and not self.lockstep
@@ -136,11 +137,13 @@ class LimbControllerNode(ControlNode):
             self._controller.trip(self._state.error)
         if self._mode.record is None:
             return OperatingMode.STOPPED
-        mode = OperatingMode(int(self._mode.record["mode"]))
+        if self._mode.count != self._mode_count:
+            self._mode_count = self._mode.count
+            self.seen_mode = OperatingMode(int(self._mode.record["mode"]))
+        mode = self.seen_mode
         age = 1e-9 * (self._state.stamp_ns - self._mode.stamp_ns)
         if mode in MOVING and not age <= MODE_TIMEOUT_S:
             self._controller.trip(f"mode is {age:.1f} s old: the supervisor is silent")
-        self.seen_mode = mode
         return mode
 
     def _setpoint(self) -> TensionSetpoint | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,13 +14,15 @@ from cabols_control.ros import topics
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare_robot
+from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.tension_reference import DesiredTension
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_controller import DesiredWrench, WrenchController
 
 POSE_TIMEOUT_S = 0.5
+LOCKSTEP_EXCUSE_NS = 1_000_000_000
+"""Of this computer's time: a lockstep clock may run ahead of a process that the kernel stalls."""
 
 
 class WrenchControllerNode(ControlNode):
@@ -28,6 +31,10 @@ class WrenchControllerNode(ControlNode):
     def __init__(self) -> None:
         """Subscribe to wrench, what is desired, platform_pose, mode; advertise tension_command."""
         super().__init__("wrench_controller")
+        method = declare(self, "tension_method", "", "see the control file; empty: that file's")
+        if method:
+            control = replace(self.rig.control, tension_method=method)
+            self.rig = replace(self.rig, control=control)
         warm_wrenches(self.rig)
         geometry = self.rig.geometry
         self._controller = WrenchController(self.rig)
@@ -173,6 +180,7 @@ class WrenchControllerNode(ControlNode):
         if self._wanted_tension.error:
             self._refused = self._wanted_tension.error
         if self._wanted_tension.count == self._tension_count:
+            self._excuse_tension()
             return
         self._tension_count = self._wanted_tension.count
         record = self._wanted_tension.record
@@ -185,6 +193,13 @@ class WrenchControllerNode(ControlNode):
         else:
             self._refused = ""
             self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, values)
+
+    def _excuse_tension(self) -> None:
+        """In lockstep let an old value count while whoever asks cannot keep up with the clock."""
+        if not self.lockstep or self._tension is None:
+            return
+        if time.monotonic_ns() - self._wanted_tension.received_ns < LOCKSTEP_EXCUSE_NS:
+            self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, self._tension.tension)
 
     def _frame(self) -> str:
         if self._wanted.exact:

@@ -37,6 +37,8 @@ MAY_MOVE = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
 PASSWORD_VARIABLE = "CABOLS_ROBOT_PASSWORD"
 FEEDBACK_S = 0.05
 END_S = 0.8
+AIM_SHARE = 0.1
+"""Of what a measurement says of the tracker's place that the next aim takes over."""
 
 
 class AbbTrackerBridge(ControlNode):
@@ -63,6 +65,7 @@ class AbbTrackerBridge(ControlNode):
         self._tracker_config = replace(tracker, time_stretch=tracker.time_stretch / speed)
         self._tracker_frame = declare(self, "tracker_frame", "tracker", "frame of measurements")
         self._tracker: Any = None
+        self._aim_offset = np.zeros(3)
         self._measured = self.advertise(
             "reflector_measurement",
             Output(self, "reflector_measurement", ReflectorMeasurement, status_qos()),
@@ -278,11 +281,27 @@ class AbbTrackerBridge(ControlNode):
             self._tracker = TrackerClient(
                 self._tracker_address,
                 self._tracker_config,
-                lambda i: self._tracker_config.expected(i, *self._stream.platform()),
+                lambda i: self._nominal(i) + self._aim_offset,
             )
-        return self._tracker.measure(
+        reading = self._tracker.measure(
             int(request.reflector), float(request.averaging_time), bool(request.search)
         )
+        if reading.success:
+            self._learn(int(request.reflector), reading.position)
+        return reading
+
+    def _nominal(self, reflector: int) -> np.ndarray:
+        return self._tracker_config.expected(reflector, *self._stream.platform())
+
+    def _learn(self, reflector: int, position: np.ndarray) -> None:
+        """Aim better next time: the tracker stands some millimetres beside its nominal place.
+
+        Slowly, as the robot under its loads gives way to all sides.
+        """
+        offset = position - self._nominal(reflector)
+        share = AIM_SHARE if self._aim_offset.any() else 1.0
+        if np.linalg.norm(offset) <= self._tracker_config.search_radius:
+            self._aim_offset = self._aim_offset + share * (offset - self._aim_offset)
 
     def _measurement_message(self, request: Any, worker: Worker) -> ReflectorMeasurement:
         reading = worker.result

@@ -13,8 +13,9 @@ from cabols_stiffness.campaign.plan import CampaignPlan
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.fit import IdentificationError
 from cabols_stiffness.identification import identify
+from cabols_stiffness.loads_result import corrected, identify_loads
 from cabols_stiffness.measured import MeasuredLoad
-from cabols_stiffness.points import Frames, frames_of, robot_of, to_points
+from cabols_stiffness.points import Frames, robot_of
 from cabols_stiffness.poses import poses
 from cabols_stiffness.result import StiffnessResult
 from cabols_stiffness.robot import RobotModel
@@ -72,11 +73,12 @@ def study(loads: Sequence[MeasuredLoad], plan: CampaignPlan, model: str = "") ->
     mine = [load for load in loads if not plan.is_validation(load.configuration)]
     if not mine:
         raise CampaignError("loads: expected some that are not for validation, got none")
-    frames = frames_of(mine, plan.rig, robot)
-    samples = to_points(mine, frames)
-    result = identify(samples, robot, model or plan.model)
+    pooled = identify_loads(mine, plan.rig, robot, model or plan.model)
+    result, frames, samples = pooled.result, pooled.frames, pooled.samples
     others = [load for load in loads if plan.is_validation(load.configuration)]
-    held_back = to_points(others, frames) if others else None
+    held_back = None
+    if others:
+        held_back = corrected(others, frames, plan.rig, robot, result.parameters)
     deflections = _poses(held_back, robot)
     return Study(
         plan=plan,

@@ -10,6 +10,7 @@ import numpy as np
 
 from cabols_stiffness.analysis.study import Study
 from cabols_stiffness.measured import columns, to_cells
+from cabols_stiffness.result import StiffnessResult
 from cabols_stiffness.robot import JOINTS
 from cabols_stiffness.validation import Validation
 
@@ -54,6 +55,7 @@ def summary(study: Study) -> str:
             f"{j + 1:5d}   {result.stiffness[j]:18.0f}   {relative:7.2f} %    "
             f"{low:.0f} to {high:.0f}"
         )
+    lines += _cubic_lines(result) + _friction_lines(result)
     lines.append(
         f"{result.model} model, {result.samples} samples, normalised residual "
         f"{result.residual_rms:.3f}, {result.outliers.size} outliers"
@@ -66,10 +68,36 @@ def summary(study: Study) -> str:
     else:
         lines.append("tracker's frame and reflectors: nominal")
     if study.choice is not None:
-        lines.append(f"held-out loads prefer the {study.choice.model} model")
+        errors = ", ".join(
+            f"{model} {1e6 * error:.2f} um" for model, error in study.choice.held_out_error.items()
+        )
+        lines.append(f"held-out loads prefer the {study.choice.model} model: error {errors}")
     if study.point_validation is not None:
         lines.append(_validation_line(study.point_validation))
     return "\n".join(lines)
+
+
+def _cubic_lines(result: StiffnessResult) -> list[str]:
+    """Cubic terms of (4.8), if the model has them."""
+    if result.cubic is None or result.cubic_deviation is None:
+        return []
+    lines = ["joint   cubic term [Nm/rad^3]   deviation"]
+    for j in range(JOINTS):
+        if result.cubic_identifiable[j]:
+            lines.append(f"{j + 1:5d}   {result.cubic[j]:21.4g}   {result.cubic_deviation[j]:9.2g}")
+        else:
+            lines.append(f"{j + 1:5d}   not identifiable from these loads")
+    return lines
+
+
+def _friction_lines(result: StiffnessResult) -> list[str]:
+    """Joints whose two branches differ."""
+    return [
+        f"joint {j + 1}: hysteresis, {result.friction[j]:.3g} N m of friction "
+        f"(deviation {result.friction_deviation[j]:.2g})"
+        for j in range(JOINTS)
+        if result.friction[j] > 0.0
+    ]
 
 
 def _validation_line(validation: Validation) -> str:

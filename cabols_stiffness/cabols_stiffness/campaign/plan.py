@@ -81,6 +81,8 @@ class MeasuringRig:
         reflectors: a row for each, platform axes [m].
         tracker_position: (3,) of the tracker, robot's base [m].
         tracker_rotation_xyz_deg: from tracker to base axes, intrinsic x-y-z.
+        tool_mass: of what hangs on the force/torque sensor, whose weight the bridge takes off [kg].
+        tool_centre_of_mass: (3,) of it, platform axes [m].
         urdf: of the robot, beside the campaign's file; empty: the bench's IRB 1600-6/1.45.
         register: find the tracker's frame and the reflectors from the campaign's own references.
     """
@@ -90,6 +92,8 @@ class MeasuringRig:
     reflectors: list[list[float]]
     tracker_position: list[float]
     tracker_rotation_xyz_deg: list[float]
+    tool_mass: float = 0.0
+    tool_centre_of_mass: list[float] = field(default_factory=lambda: [0.0] * 3)
     urdf: str = ""
     register: bool = True
 
@@ -98,6 +102,8 @@ class MeasuringRig:
         finite_array("tool_position", self.tool_position, (3,))
         length = np.linalg.norm(finite_array("tool_quaternion", self.tool_quaternion, (4,)))
         in_range("length of tool_quaternion", float(length), 1.0 - 1e-6, 1.0 + 1e-6)
+        in_range("tool_mass", self.tool_mass, 0.0, 1e4)
+        finite_array("tool_centre_of_mass", self.tool_centre_of_mass, (3,))
         points = finite_array("reflectors", self.reflectors, (None, 3))
         try:
             require_spread("reflectors", points)

@@ -69,9 +69,9 @@ class StiffnessCampaignNode(ControlNode):
         self._shown_folder = ""
         self._turns = 0
         self._refusal = ""
-        # Compile, or load, what judges a load.
+        # Compile, or load, what judges a load, for arrays as a pose has them: not read-only ones.
         geometry = self.rig.geometry
-        structure_matrix(geometry, geometry.reference_position, geometry.reference_rotation)
+        structure_matrix(geometry, np.array(geometry.reference_position), np.eye(3))
         for name, callback in (
             ("pause_stiffness_test", self._pause),
             ("resume_stiffness_test", self._resume),

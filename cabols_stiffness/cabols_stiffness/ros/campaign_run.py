@@ -308,6 +308,12 @@ class CampaignRun:
             raise CampaignError("the window's last samples of wrench and joints did not arrive")
         with intake.news:
             mean = average(intake.wrenches, intake.joints, begin_ns, end_ns)
+            away = float(np.abs(intake.tension - request.point.tension).max())
+        if not away <= plan.settling.tension:
+            raise CampaignError(
+                f"the load did not stay: a limb is {away:.2g} N from its tension after the "
+                f"measurement, {plan.settling.tension:g} N allowed"
+            )
         allowed = np.repeat([plan.steady_force, plan.steady_torque], 3)
         if not (mean.deviation <= allowed).all():
             raise CampaignError(
