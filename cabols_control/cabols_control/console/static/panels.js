@@ -92,7 +92,7 @@ export class Panels {
     if (state.loops) this.loops(state.loops);
     if (state.devices) this.devices(state.devices);
     if (state.operator) this.operator(state.operator, settings);
-    put(byId("recording-text"), state.recording ? `\u25cf recording ${state.recording}` : "not recording");
+    put(byId("recording-text"), state.recording ? `\u25cf recording ${state.recording.split("/").pop()}` : "not recording");
   }
 
   loops(rows) {
