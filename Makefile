@@ -7,14 +7,14 @@ unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH 
 unexport PYTHONHOME RMW_IMPLEMENTATION ROS_DISTRO _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # Nothing here is meant for other machines on the network.
 export ROS_AUTOMATIC_DISCOVERY_RANGE = LOCALHOST
+# Matrices here are small: on a busy machine threads for them make a fit thirty times slower.
+export OPENBLAS_NUM_THREADS = 1
 
 HOST_PYTHON = $(shell for name in python3 python3.11 python3.12 python3.13 python3.10 "$$PYTHON"; \
 	do command -v "$$name" && break; done)
 BIN = .venv/bin
 
-.PHONY: help demo commission test lint format bench bench-tension bench-simulation bench-registration
-.PHONY: bench-stiffness bench-design bench-analysis bench-realtime faults setup lock clean
-.PHONY: campaign campaign-kills analyze
+.PHONY: $(shell sed -n 's/^\([a-z-]*\):.*/\1/p' Makefile)
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -27,7 +27,20 @@ demo: setup  ## run the simulated rig and leave its report in build/demo
 commission: setup  ## commission the simulated rig's limbs and leave models and gains in build/commission
 	@.venv/lib/cabols_sim/commission_bench $(ARGS)
 
-test: setup  ## run the tests
+workspace: setup  ## map the workspace: table, meshes and figures in build/workspace
+	@.venv/lib/cabols_control/workspace map $(ARGS)
+
+design-geometry: setup  ## optimise the attachment points into build/design, check them by other means
+	@.venv/lib/cabols_control/workspace design $(ARGS)
+	@$(BIN)/python tests/bench/check_design.py build/design/geometry.yaml
+
+console: setup  ## serve the operator's page for the simulated rig at http://localhost:8080
+	@.venv/lib/cabols_sim/console_bench $(ARGS)
+
+browser:  ## find or install the Chromium that the console's tests drive
+	@"$(HOST_PYTHON)" tools/setup_browser.py
+
+test: setup browser  ## run the tests
 	@$(BIN)/python -m pytest $(ARGS)
 
 lint: setup  ## check style and types
@@ -39,11 +52,20 @@ format: setup  ## mend style where a tool can
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
 
-bench: bench-tension bench-simulation bench-registration bench-stiffness bench-design bench-realtime  ## run all benchmarks into build/bench
+bench: bench-tension bench-methods bench-workspace bench-simulation bench-registration
+bench: bench-stiffness bench-design bench-analysis bench-realtime  ## run all benchmarks into build/bench
 
 bench-tension: setup  ## time the tension distribution
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_tension.py $(ARGS)
+
+bench-methods: setup  ## compare the methods of tension distribution
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_methods.py $(ARGS)
+
+bench-workspace: setup  ## time workspace grids beside linear programmes
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_workspace.py $(ARGS)
 
 bench-simulation: setup  ## time the simulated rig against the wall clock
 	@mkdir -p build/bench
@@ -51,11 +73,11 @@ bench-simulation: setup  ## time the simulated rig against the wall clock
 
 bench-stiffness: setup  ## identify simulated stiffness campaigns, hundreds of times
 	@mkdir -p build/bench
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/bench_stiffness.py $(ARGS)
+	@$(BIN)/python tests/bench/bench_stiffness.py $(ARGS)
 
 bench-design: setup  ## count the loads that an optimal stiffness campaign saves
 	@mkdir -p build/bench
-	@OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/bench_design.py $(ARGS)
+	@$(BIN)/python tests/bench/bench_design.py $(ARGS)
 
 bench-registration: setup  ## compare the reflectors' registration with its covariance
 	@mkdir -p build/bench
@@ -65,8 +87,18 @@ bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_realtime.py $(ARGS)
 
+bench-console: setup  ## measure what the console costs the rig
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_console.py $(ARGS)
+
 faults: setup  ## break everything, 20 times each, in the loaded rig (two hours; goes on where it was)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
+
+dynamics: setup  ## compute chapter 2, the 900 m case and the rig's vibration into build/dynamics
+	@.venv/lib/cabols_sim/dynamics_study $(ARGS)
+
+fast-gains: setup  ## prove the faster control design through the real nodes
+	@.venv/lib/cabols_sim/fast_gains $(ARGS)
 
 campaign: setup  ## a stiffness campaign on the simulated rig, and its report, into build/campaign
 	@.venv/lib/cabols_sim/campaign_bench $(ARGS)

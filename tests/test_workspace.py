@@ -34,6 +34,7 @@ ROSDEP_KEY = {
     "grpc": "python3-grpcio",
     "jinja2": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
+    "mpl_toolkits": "python3-matplotlib",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "psutil": "python3-psutil",
@@ -59,6 +60,7 @@ ROS_PACKAGES = {
     "std_msgs",
     "std_srvs",
     "unique_identifier_msgs",
+    "visualization_msgs",
     *MAY_IMPORT,
 }
 # From pip or the vendor: docs/installing.md.
@@ -67,11 +69,14 @@ WITHOUT_KEY = {
     "daqp",
     "dask",
     "distributed",
+    "fastapi",
     "foxglove",
     "mcap",
     "nicegui",
     "pinocchio",
     "quanser",
+    "starlette",
+    "uvicorn",
     "zstandard",
 }
 

@@ -92,6 +92,9 @@ RECORDER = NodeSpec(
     ),
     ("loop_status",),
 )
+CONSOLE = NodeSpec(
+    "cabols_control", "console", ("mode", "loop_status"), ("attendance", "loop_status")
+)
 PLANT = NodeSpec(
     "cabols_sim",
     "plant",
@@ -178,10 +181,12 @@ _DEVICES = "device_simulator"
 _CAMPAIGN = tuple(node.executable for node in CAMPAIGN)
 _BESIDE = ("supervisor", "load_program", "recorder", *_ROBOT, *_CAMPAIGN)
 _ALL = (*_LOOPS, *_BESIDE)
+_RIG = (*_ALL, "console")
+"""Nodes that read the rig's files; the console never gets a real-time priority."""
 ARGUMENTS = (
-    Argument("geometry_file", "", "YAML of the geometry; empty: reference bench", _ALL),
-    Argument("limbs_file", "", "YAML of the limbs; empty: reference bench", _ALL),
-    Argument("control_file", "", "YAML of the control design; empty: reference bench", _ALL),
+    Argument("geometry_file", "", "YAML of the geometry; empty: reference bench", _RIG),
+    Argument("limbs_file", "", "YAML of the limbs; empty: reference bench", _RIG),
+    Argument("control_file", "", "YAML of the control design; empty: reference bench", _RIG),
     Argument("card_file", "", "YAML of the card's scaling; empty: reference bench", _BRIDGES),
     Argument("safety_file", "", "YAML of the safety envelope; empty: reference bench", _BRIDGES),
     Argument(
@@ -201,6 +206,12 @@ ARGUMENTS = (
     Argument("watchdog", 0.0, "s, replaces the card file's; 0: the file's", _BRIDGES),
     Argument(
         "command_timeout", 0.0, "s, replaces the control file's; 0: its", ("limb_controller",)
+    ),
+    Argument(
+        "tension_method",
+        "",
+        "min_norm, p_norm, barycentre or analytic_centre; empty: the control file's",
+        ("wrench_controller",),
     ),
     Argument(
         "fifo_priority",
@@ -227,12 +238,26 @@ ARGUMENTS = (
         -1,
         "core for the other nodes; -1: any",
         (
-            *("limb_controller", "wrench_controller"),
-            *("supervisor", "load_program", "recorder", *_CAMPAIGN),
+            *("limb_controller", "wrench_controller", "supervisor", "load_program"),
+            *("recorder", "console", *_CAMPAIGN),
         ),
         parameter="cpu",
     ),
     Argument("record", True, "record a bag", ()),
+    Argument("record_at_start", True, "false: the recorder waits for its service", ("recorder",)),
+    Argument("console", False, "serve the operator's page on this machine", ()),
+    Argument("console_port", 8080, "TCP port of that page", ("console",), parameter="port"),
+    Argument(
+        "console_host",
+        "127.0.0.1",
+        "its address; another than loopback needs a token_file",
+        ("console",),
+        parameter="host",
+    ),
+    Argument("token_file", "", "its first line is demanded of visitors", ("console",)),
+    Argument("foxglove_port", 0, "of a WebSocket for Foxglove; 0: none", ("console",)),
+    Argument("campaigns", "campaigns", "folder of stiffness campaigns", ("console",)),
+    Argument("uploads", "console/programs", "folder of uploaded programmes", ("console",)),
     Argument("output", "", "folder of the bag; empty: bags/cabols_<time>", ("recorder",)),
     Argument("description", "", "text about the run for the bag's metadata", ("recorder",)),
     Argument("program", "", "load programme to run at the first LOADING", ("load_program",)),
@@ -240,6 +265,12 @@ ARGUMENTS = (
     Argument("exit_when_done", False, "end everything after the programme", ("load_program",)),
     Argument(
         "state_timeout", 0.2, "s without a limb state until the supervisor stops", ("supervisor",)
+    ),
+    Argument(
+        "operator_timeout",
+        10.0,
+        "s that a console in command may be silent, under way, until the supervisor unloads",
+        ("supervisor",),
     ),
     Argument("campaign", False, "with the nodes of stiffness campaigns", ()),
     Argument(
@@ -277,15 +308,17 @@ def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[No
     return found
 
 
-def rig_graph(record: bool = True, campaign: bool = False) -> list[NodeSpec]:
+def rig_graph(record: bool = True, campaign: bool = False, console: bool = False) -> list[NodeSpec]:
     """Nodes of a rig with hardware, in starting order: readers first, the clock last.
 
     Args:
         record: with the recorder.
         campaign: with the nodes of stiffness campaigns.
+        console: with the operator's page.
     """
+    first = [*([CONSOLE] if console else []), *([RECORDER] if record else [])]
     extra = CAMPAIGN if campaign else ()
-    nodes = [*([RECORDER] if record else []), *CONTROLLERS, LOAD_PROGRAM, *extra, ROBOT, BRIDGE]
+    nodes = [*first, *CONTROLLERS, LOAD_PROGRAM, *extra, ROBOT, BRIDGE]
     return [_with_robot(node) for node in nodes]
 
 
@@ -301,6 +334,7 @@ def bench_graph(
     robot: bool = True,
     ports: Ports | None = None,
     campaign: bool = False,
+    console: bool = False,
 ) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
@@ -316,9 +350,12 @@ def bench_graph(
             publishes itself.
         ports: of the devices.
         campaign: with the nodes of stiffness campaigns; they need the robot.
+        console: with the operator's page; in lockstep only with a robot, as otherwise the clock
+            waits for the supervisor, which then has no time to miss an operator.
     """
-    recorder = [RECORDER] if record else []
-    nodes = [*recorder, *CONTROLLERS, LOAD_PROGRAM, *(CAMPAIGN if campaign else ())]
+    first = [CONSOLE] if console and (robot or not lockstep) else []
+    first += [RECORDER] if record else []
+    nodes = [*first, *CONTROLLERS, LOAD_PROGRAM, *(CAMPAIGN if campaign else ())]
     nodes += _devices(ports or Ports()) if robot else [PLANT]
     if robot:
         nodes = [_with_robot(node) for node in nodes]

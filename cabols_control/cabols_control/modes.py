@@ -29,6 +29,9 @@ MOVING = (
 )
 """Modes in which currents may flow."""
 
+UNATTENDED = "unattended"
+"""How the reason begins of a mode that was entered because no operator's console answers."""
+
 LOADED = (OperatingMode.LOADING, OperatingMode.UNLOADING)
 """Modes in which the tensions are the wrench's, or on their way down from it."""
 
@@ -120,10 +123,19 @@ class ModeMachine:
         self.mode, self.reason = mode, verdict.reason
         return verdict
 
+    def abandon(self, reason: str) -> None:
+        """Bring a rig that nobody watches to rest: through UNLOADING if it is loaded."""
+        if self.mode in LOADED:
+            self.pending = OperatingMode.STOPPED
+            self.mode, self.reason = OperatingMode.UNLOADING, reason
+        elif self.mode in MOVING:
+            self.mode, self.reason = OperatingMode.STOPPED, reason
+
     def unloaded(self) -> None:
         """Go from UNLOADING to where it leads."""
         if self.pending is not None:
-            self.mode, self.reason, self.pending = self.pending, "unloaded", None
+            told = self.reason if self.reason.startswith(UNATTENDED) else "unloaded"
+            self.mode, self.reason, self.pending = self.pending, told, None
 
     def _judge(self, mode: OperatingMode, condition: Condition) -> Verdict:
         if mode in (OperatingMode.FAULT, OperatingMode.UNLOADING):

@@ -120,16 +120,33 @@ BUILT_IN: dict[str, Callable[[], LoadProgram]] = {
 
 
 def read_csv(path: str | Path) -> LoadProgram:
-    """Read a programme from CSV: header `time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm`, straight lines.
+    """Read a programme from a CSV file: see parse_csv.
 
     Raises:
         ConfigError: naming the file and the line of what cannot be used.
     """
     source = Path(path)
     try:
-        with source.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = source.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{source}: cannot be read ({error})") from error
+    return parse_csv(text, source.stem, str(source))
+
+
+def parse_csv(text: str, name: str, source: str) -> LoadProgram:
+    """Read CSV: header `time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm`, straight lines between rows.
+
+    Args:
+        text: of the file.
+        name: of the programme.
+        source: what messages call the file.
+
+    Raises:
+        ConfigError: naming the source and the line of what cannot be used.
+    """
+    try:
+        rows = list(csv.reader(text.splitlines()))
+    except csv.Error as error:
         raise ConfigError(f"{source}: cannot be read ({error})") from error
     header = tuple(cell.strip() for cell in rows[0]) if rows else ()
     if header != CSV_HEADER:
@@ -148,7 +165,7 @@ def read_csv(path: str | Path) -> LoadProgram:
     table = np.array(values, dtype=np.float64).reshape(-1, len(CSV_HEADER))
     if table.shape[0] < 2 or table[0, 0] != 0.0 or not np.diff(table[:, 0]).min() > 0.0:
         raise ConfigError(f"{source}: expected at least two lines, time from 0 and increasing")
-    return LoadProgram(source.stem, table[:, 0].copy(), table[:, 1:].copy(), False)
+    return LoadProgram(name, table[:, 0].copy(), table[:, 1:].copy(), False)
 
 
 def load_program(name: str) -> LoadProgram:

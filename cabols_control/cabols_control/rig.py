@@ -13,8 +13,9 @@ from cabols_control.checks import FloatArray, in_range
 from cabols_control.configuration import STRICT, load_config, packaged
 from cabols_control.errors import ConfigError
 from cabols_control.gains import WrenchGains, wrench_gains
-from cabols_control.geometry import RigGeometry, load_geometry
+from cabols_control.geometry import MIN_CABLES, RigGeometry, load_geometry
 from cabols_control.limb import LimbModel
+from cabols_control.tension import check_method
 
 MOTOR_CURRENT_MAX_A = 3.82
 """What the source's motors bear (section 3.5); no configured limit may exceed it."""
@@ -76,6 +77,9 @@ class ControlConfig:
     unload_tension_rate: float = 300.0
     free_tension: float = 7.0
     free_speed: float = 0.1
+    tension_method: str = "min_norm"
+    tension_exponent: float = 4.0
+    tension_fade: float = 0.5
 
     def __post_init__(self) -> None:
         """Check limits against each other and against what the hardware bears."""
@@ -86,6 +90,8 @@ class ControlConfig:
         in_range("unload_tension_rate", self.unload_tension_rate, 1.0, 1e5)
         in_range("free_tension", self.free_tension, 0.1, self.tension_max)
         in_range("free_speed", self.free_speed, 1e-3, 1.0)
+        in_range("tension_fade", self.tension_fade, 1e-3, 60.0)
+        check_method(MIN_CABLES, self.tension_method, self.tension_exponent)
         in_range("command_timeout", self.command_timeout, 1e-3, 1.0)
         in_range("desired_timeout", self.desired_timeout, 1e-3, 60.0)
         for name, values in (
@@ -128,6 +134,7 @@ class Rig:
                 f"limbs: expected {self.geometry.cables} limbs as the geometry has cables, "
                 f"got {len(self.limbs.gain)}"
             )
+        check_method(self.geometry.cables, self.control.tension_method)
 
     @property
     def holding_tension(self) -> float:

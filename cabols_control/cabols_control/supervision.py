@@ -134,6 +134,13 @@ class Supervision:
         if self.mode in MOVING and not self._fresh(now_s):
             self._machine.fault(f"no limb state for {self._config.state_timeout_s:g} s")
 
+    def abandon(self, reason: str) -> None:
+        """Unload and stop, as nobody watches any more."""
+        before = self.mode
+        self._machine.abandon(reason)
+        if self.mode != before:
+            self._entered_s = self._newest_s
+
     def request(self, wanted: int, now_s: float) -> Verdict:
         """Answer a request for a mode."""
         before = self.mode

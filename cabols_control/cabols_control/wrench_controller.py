@@ -11,7 +11,8 @@ from cabols_control.checks import FloatArray
 from cabols_control.kinematics import structure_matrix_into
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
-from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size
+from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size, set_method
+from cabols_control.tension.layout import SHARE
 from cabols_control.tension_reference import DesiredTension, TensionReference
 from cabols_control.wrench_law import WrenchLaw
 
@@ -62,6 +63,7 @@ class WrenchController:
         self._limits = (np.full(n, control.tension_min), np.full(n, control.tension_max))
         self._weights = np.array(DEFAULT_WEIGHTS)
         self._pack = np.zeros(pack_size(n))
+        set_method(self._pack, n, control.tension_method, control.tension_exponent, share=0.0)
         self._matrix = np.zeros((6, n))
         # Pose arrays of its own: compiled code differs for those that come read-only.
         self._position, self._rotation = np.zeros(3), np.eye(3)
@@ -142,12 +144,23 @@ class WrenchController:
         if not self.active or dt_s > LONGEST_STEP_S:
             start = measured if not self.active else self._law.control.copy()
             self._law.reset(start, self.desired, measured)
+            if not self.active:
+                self._pack[SHARE] = 0.0
             self.active = True
+        self._fade(min(dt_s, LONGEST_STEP_S))
         status = self._law.step(self.desired, measured, min(dt_s, LONGEST_STEP_S), self._pack)
         self.feasible = status == 0
         self.infeasible_cycles += status == 1
         self.tension[:] = self._law.tension
         return self.tension
+
+    def _fade(self, dt_s: float) -> None:
+        """Go from the minimum norm, which is near the pre-tension, to the method's tensions.
+
+        At once would be a step of tens of newtons in every cable.
+        """
+        share = self._pack[SHARE] + dt_s / self._rig.control.tension_fade
+        self._pack[SHARE] = min(share, 1.0)
 
     def _command_tensions(self, stamp_s: float, dt_s: float, wanted: DesiredTension | None) -> bool:
         """Command tensions instead of a wrench, if some are asked for (section 4.3)."""

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
-from cabols_control.tension import solve_packed
+from cabols_control.tension import choose_packed
 
 
 @njit(cache=True)
@@ -30,7 +30,8 @@ def wrench_law_into(
         desired: (6,) [N, N m].
         measured: (6,) [N, N m].
         dt_s: time since the previous step [s].
-        pack: pose and tension limits, from cabols_control.tension.pack_pose.
+        pack: pose and tension limits, from cabols_control.tension.pack_pose, and the method of
+            redundancy resolution, from set_method.
         accumulated: (6,) integral part of u [N, N m]; updated.
         control: (6,) output u [N, N m].
         tension: (n,) output tau_d [N].
@@ -43,7 +44,7 @@ def wrench_law_into(
         error = desired[k] - measured[k]
         accumulated[k] += integral * error * dt_s
         control[k] = proportional * error + accumulated[k]
-    status = int(solve_packed(pack, control, tension, residual))
+    status = int(choose_packed(pack, control, tension, residual))
     if status == 1:
         # Anti-windup: the integral is set back to what the cables can give, so that it leaves
         # the limit as soon as the error turns.

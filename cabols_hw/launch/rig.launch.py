@@ -13,7 +13,8 @@ from launch import Action, LaunchContext, LaunchDescription
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
     values = argument_values(context)
-    return launch_nodes(rig_graph(values["record"], values["campaign"]), values)
+    graph = rig_graph(values["record"], values["campaign"], values["console"])
+    return launch_nodes(graph, values)
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -108,6 +108,7 @@ def run_bench(
         values.get("robot", False),
         ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
         values.get("campaign", False),
+        values.get("console", False),
     )
     nodes = [*with_arguments(graph, values), *tools]
     with _on_core(values.get("other_cpu", -1)):

@@ -16,12 +16,20 @@ from cabols_control.checks import FloatArray, IntArray, finite_array
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.limb_law import gain_matrix, limb_law_into
 from cabols_control.rig import Rig
-from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size
+from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size, set_method
+from cabols_control.tension.layout import SHARE
 from cabols_control.wrench_law import wrench_law_into
 from cabols_hw.card_config import CardConfig
 from cabols_hw.scaling import quantise, wrench_into
+from cabols_sim.dynamics.vibration import VibrationModel
 from cabols_sim.physics import cable_wrench, limb_step
 from cabols_sim.plant_config import PlantConfig
+from cabols_sim.vibrating_platform import (
+    Platform,
+    make_platform,
+    move_platform,
+    subtract_inertia,
+)
 
 PERIOD_S = 0.001
 
@@ -33,7 +41,7 @@ class Trace:
     Attributes:
         time: (k,) [s].
         desired: (k, 6) [N, N m].
-        wrench: (k, 6) true, base axes at the platform's origin [N, N m].
+        wrench: (k, 6) true at the sensor, base axes at the platform's origin [N, N m].
         measured: (k, 6) by the force/torque sensor [N, N m].
         tension: (k, n) true [N].
         tension_estimate: (k, n) as the limb law sees it [N].
@@ -83,6 +91,7 @@ class _Control(NamedTuple):
     stiffness: float
     zero: FloatArray
     current_limit: float
+    fade: float
 
 
 class _Record(NamedTuple):
@@ -97,7 +106,12 @@ class _Record(NamedTuple):
 
 @njit(cache=True)
 def _run(
-    limbs: _Limbs, sensors: _Sensors, control: _Control, desired: FloatArray, record: _Record
+    limbs: _Limbs,
+    sensors: _Sensors,
+    control: _Control,
+    platform: Platform,
+    desired: FloatArray,
+    record: _Record,
 ) -> None:
     n = limbs.table.shape[0]
     true, measured = np.zeros(6), np.zeros(6)
@@ -106,6 +120,8 @@ def _run(
     command, reference, elongation = np.zeros(n), np.zeros(n), np.zeros(n)
     current = np.zeros(n)
     law = np.zeros((n, 2))
+    first, change, swing, at_rest = np.zeros(6), np.zeros(6), np.zeros(12), limbs.length.copy()
+    cable_wrench(control.matrix, limbs.tension, first)
     dt_s = PERIOD_S / limbs.substeps
     for k in range(desired.shape[0]):
         # What the bridge does: encoders to elongation, gauges to wrench.
@@ -115,6 +131,9 @@ def _run(
                 counts = np.floor(counts)
             elongation[i] = counts / sensors.counts_per_metre - control.zero[i]
         cable_wrench(control.matrix, limbs.tension, true)
+        if platform.active:
+            change[:] = true - first
+            subtract_inertia(platform, change, swing, true)
         for row in range(6):
             volt = sensors.bias[row] + sensors.noise[k, row]
             for column in range(6):
@@ -129,6 +148,7 @@ def _run(
                 )
             accumulated[:] = tared
         # What the controllers do.
+        control.pack[SHARE] = min((k + 1) * PERIOD_S / control.fade, 1.0)
         record.status[k] = wrench_law_into(
             control.proportional,
             control.integral,
@@ -158,6 +178,10 @@ def _run(
             limb_step(
                 limbs.table, limbs.state, current, limbs.rest, limbs.length, dt_s, limbs.tension
             )
+            if platform.active:
+                cable_wrench(control.matrix, limbs.tension, change)
+                change -= first
+                move_platform(platform, change, control.matrix, at_rest, swing, limbs.length)
 
 
 def simulate(
@@ -167,8 +191,9 @@ def simulate(
     desired: FloatArray,
     seed: int = 0,
     start_tension: float = 6.0,
+    vibration: VibrationModel | None = None,
 ) -> Trace:
-    """Run the closed loop on a rigid target at the reference pose.
+    """Run the closed loop at the reference pose.
 
     Args:
         rig: geometry, limbs as identified, control design.
@@ -177,6 +202,7 @@ def simulate(
         desired: (k, 6) wrench on the platform at its origin, base axes, one row per millisecond.
         seed: of the sensor's noise and bias.
         start_tension: of every limb at the first sample [N].
+        vibration: platform and target as a vibrating body; None: a rigid target.
 
     Returns:
         What happened.
@@ -196,7 +222,8 @@ def simulate(
     limbs = _limbs_at(rig, plant, start_tension)
     zero = limbs.state[:, 0] - start_tension / rig.limbs.stiffness
     control = _control(rig, structure_matrix(rig.geometry, *pose), zero)
-    _run(limbs, _sensors(card, plant, samples, seed), control, wanted, record)
+    platform = make_platform(vibration, PERIOD_S / plant.substeps)
+    _run(limbs, _sensors(card, plant, samples, seed), control, platform, wanted, record)
     return Trace(np.arange(samples, dtype=np.float64) * PERIOD_S, wanted, *record)
 
 
@@ -236,6 +263,7 @@ def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
     pack = np.zeros(pack_size(n))
     limits = (np.full(n, rig.control.tension_min), np.full(n, rig.control.tension_max))
     pack_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), pack)
+    set_method(pack, n, rig.control.tension_method, rig.control.tension_exponent, share=0.0)
     return _Control(
         matrix,
         pack,
@@ -246,4 +274,5 @@ def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
         rig.limbs.stiffness,
         zero,
         rig.control.current_limit,
+        rig.control.tension_fade,
     )

@@ -14,7 +14,11 @@ def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
     values = argument_values(context)
     graph = bench_graph(
-        values["lockstep"], values["record"], values["robot"], campaign=values["campaign"]
+        values["lockstep"],
+        values["record"],
+        values["robot"],
+        campaign=values["campaign"],
+        console=values["console"],
     )
     return launch_nodes(graph, values)
 

@@ -34,7 +34,8 @@ def validation_figure(validation: Validation, title: str = "") -> Figure:
         _draw(axes[index % 3, index // 3], validation, index, f"{name} [{unit}]")
     for axis in axes[-1]:
         axis.set_xlabel("load")
-    axes[0, 0].legend(loc="upper left", fontsize=9, ncols=3)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", fontsize=10, ncols=3)
     rms = f"normalised error {validation.normalised_rms:.2f}"
     share = f"{100.0 * validation.explained:.2f} % explained"
     figure.suptitle(f"{title + ': ' if title else ''}{share}, {rms}", fontsize=11)

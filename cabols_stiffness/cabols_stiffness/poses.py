@@ -11,6 +11,9 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.errors import CabolsError
 from cabols_control.registration import register_pose
 from cabols_control.rigid_fit import RegistrationError
+from cabols_stiffness.balance import balance
+from cabols_stiffness.prediction import law_of
+from cabols_stiffness.result import StiffnessResult
 from cabols_stiffness.robot import RobotModel
 from cabols_stiffness.samples import REFERENCE, PointSamples, Samples
 from cabols_stiffness.screws import logarithm, turn, turning
@@ -19,7 +22,9 @@ LEAST = 3
 """Reflectors that determine a pose."""
 
 
-def poses(points: PointSamples, robot: RobotModel) -> Samples:
+def poses(
+    points: PointSamples, robot: RobotModel, result: StiffnessResult | None = None
+) -> Samples:
     """Join the passes of each load that three or more reflectors saw.
 
     The unloaded reference of each pass, interpolated in time, is taken from its positions; its
@@ -29,6 +34,9 @@ def poses(points: PointSamples, robot: RobotModel) -> Samples:
     Args:
         points: of any number of configurations.
         robot: with the tool that the samples are about.
+        result: an identification, with which the passes of a load are brought to their common mean
+            wrench before they are joined: cable friction makes them differ by a percent or two,
+            which is more than the tracker's noise. None: they are joined as they are.
 
     Returns:
         One sample for each load, in the order of configuration and of the first pass.
@@ -39,8 +47,10 @@ def poses(points: PointSamples, robot: RobotModel) -> Samples:
     moved, noise, rest = _against_reference(points)
     posture = robot.posture(points.joints)
     loaded = points.branch != REFERENCE
-    rows = []
-    for members in _loads(points, loaded):
+    rows, found = [], _loads(points, loaded)
+    if result is not None:
+        moved = moved + _to_common_wrench(points, robot, result, found)
+    for members in found:
         if np.unique(points.reflector[members]).size < LEAST:
             continue
         first = members[0]
@@ -74,6 +84,20 @@ def poses(points: PointSamples, robot: RobotModel) -> Samples:
             "same loads at the other reflectors, too"
         )
     return Samples(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _to_common_wrench(
+    points: PointSamples, robot: RobotModel, result: StiffnessResult, loads: list[IntArray]
+) -> FloatArray:
+    """(k, 3) what the mean wrench of a load would move its points more than their own did."""
+    common = points.wrench.copy()
+    for members in loads:
+        common[members] = points.wrench[members].mean(axis=0)
+    places = []
+    for wrench in (common, points.wrench):
+        rest = balance(robot, points.joints, wrench, law_of(result), follows=True).posture
+        places.append(rest.position + np.einsum("kij,kj->ki", rest.rotation, points.offset))
+    return np.asarray(places[0] - places[1])
 
 
 def _loads(points: PointSamples, loaded: BoolArray) -> list[IntArray]:

@@ -1,4 +1,4 @@
-"""Node: publishes the desired wrenches of a load programme; action run_program."""
+"""Node: publishes a load programme's wrenches; action run_program, service check_program."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ import threading
 import time
 from typing import Any
 
+import numpy as np
 from cabols_msgs.action import RunProgram
-from cabols_msgs.srv import SetMode
+from cabols_msgs.srv import CheckProgram, SetMode
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
+from scipy.spatial.transform import Rotation
 
 from cabols_control.errors import CabolsError
+from cabols_control.feasibility import ProgramCheck, check_program
 from cabols_control.modes import OperatingMode
 from cabols_control.programs import BUILT_IN, LoadProgram, load_program
 from cabols_control.ros import topics
+from cabols_control.ros.live import live_name, live_qos
 from cabols_control.ros.loop import ControlLoop, Input, Output
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
@@ -26,6 +30,8 @@ from cabols_control.ros.ticker import Ticker
 FEEDBACK_S = 0.2
 STOP_S = 8.0
 """So long the rig may take from the programme's end to STOPPED."""
+POSE_AGE_S = 1.0
+"""A programme is checked at a pose that is not older."""
 
 
 class LoadProgramNode(ControlNode):
@@ -58,6 +64,13 @@ class LoadProgramNode(ControlNode):
             "desired_wrench", Output(self, "desired_wrench", layout.msg_type, qos)
         )
         self._mode = Input(self, "mode", topics.mode_layout(""), latched_qos(self.lockstep))
+        # The slow copy: nothing here needs the pose at the control rate.
+        self._pose = Input(
+            self, live_name("platform_pose"), topics.pose_layout(self.rig.geometry), live_qos()
+        )
+        geometry = self.rig.geometry
+        place = (geometry.reference_position, geometry.reference_rotation)
+        check_program(self.rig, load_program("ramps"), *place)  # compile now, not under load
         self._lock = threading.Lock()
         self._running: LoadProgram | None = None
         self._began_s = 0.0
@@ -74,6 +87,7 @@ class LoadProgramNode(ControlNode):
             self._loop.prepare = self.prepare_thread
         else:
             self._loop = Ticker(self.context, 1.0 / rate, self._tick)
+        self.create_service(CheckProgram, "check_program", self._check)
         self._server = ActionServer(
             self,
             RunProgram,
@@ -178,11 +192,50 @@ class LoadProgramNode(ControlNode):
         self._record["wrench"][:] = wrench
         self._output.publish(self._record.raw())
 
+    def _check_here(self, name: str, scale: float) -> ProgramCheck:
+        """Check a programme at the platform's present pose.
+
+        Raises:
+            CabolsError: if the programme cannot be used, or no pose arrives.
+        """
+        program = load_program(name).scaled(scale or 1.0)
+        self._pose.take()
+        record, age_ns = self._pose.record, time.monotonic_ns() - self._pose.received_ns
+        if record is None or not 1e-9 * age_ns <= POSE_AGE_S:
+            raise CabolsError("no platform_pose arrives: is the robot's bridge running?")
+        pose = np.array(record["pose"])
+        if not np.isfinite(pose).all() or not abs(np.linalg.norm(pose[3:]) - 1.0) < 1e-3:
+            raise CabolsError(f"platform_pose: expected a pose, got {pose}")
+        return check_program(self.rig, program, pose[:3], Rotation.from_quat(pose[3:]).as_matrix())
+
+    def _check(self, request: Any, response: Any) -> Any:
+        try:
+            found = self._check_here(request.program, request.scale)
+        except CabolsError as error:
+            response.message = str(error)
+            return response
+        rows = found.preview()
+        response.success, response.message = True, found.sentence()
+        response.feasible, response.name = found.feasible, found.program.name
+        response.duration = found.program.duration
+        response.tension_min = float(found.tension.min())
+        response.tension_max = float(found.tension.max())
+        worst = found.worst
+        response.worst_time = float("nan") if worst is None else float(found.program.time[worst])
+        response.time = found.program.time[rows].tolist()
+        response.wrench = found.program.wrench[rows].ravel().tolist()
+        response.tension = found.tension[rows].ravel().tolist()
+        return response
+
     def _judge(self, request: Any) -> GoalResponse:
         try:
             load_program(request.program)
+            found = self._check_here(request.program, request.scale) if request.checked else None
         except CabolsError as error:
             self.get_logger().error(str(error))
+            return GoalResponse.REJECT
+        if found is not None and not found.feasible:
+            self.get_logger().error(f"run_program refused: {found.sentence()}")
             return GoalResponse.REJECT
         busy = self._running is not None
         if busy or not self._loading():

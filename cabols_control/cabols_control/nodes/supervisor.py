@@ -7,10 +7,13 @@ import threading
 import time
 from typing import Any
 
+from cabols_msgs.msg import Attendance as Heartbeat
 from cabols_msgs.msg import LoopStatus
 from cabols_msgs.srv import SetMode
 from std_srvs.srv import Trigger
 
+from cabols_control.attendance import Attendance
+from cabols_control.modes import MOVING
 from cabols_control.ros import topics
 from cabols_control.ros.loop import ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
@@ -49,6 +52,15 @@ class SupervisorNode(ControlNode):
             bridges=() if self.paced else SupervisionConfig.bridges,
         )
         self._core = Supervision(config)
+        self._attendance = Attendance(
+            declare(
+                self,
+                "operator_timeout",
+                10.0,
+                "s, a console that has taken command may be silent so long while anything moves",
+                (0.5, 86400.0),
+            )
+        )
         self._lock = threading.Lock()
         self._state = Input(
             self,
@@ -68,6 +80,7 @@ class SupervisorNode(ControlNode):
         self._published: tuple[int, str] = (-1, "")
         self._ticks = 0
         self.create_subscription(LoopStatus, "loop_status", self._hear_status, status_qos())
+        self.create_subscription(Heartbeat, "attendance", self._hear_operator, status_qos())
         self.create_service(SetMode, "set_mode", self._set_mode)
         self.create_service(Trigger, "emergency_stop", self._emergency_stop)
         self.create_service(Trigger, "reset", self._reset)
@@ -102,6 +115,9 @@ class SupervisorNode(ControlNode):
             self._ticks += 1
             self._hear_news()
             self._core.check_silence(self._now_s())
+            left = self._attendance.overdue(time.monotonic(), self._core.mode not in MOVING)
+            if left:
+                self._core.abandon(left)
             if self._ticks % REPEAT_EVERY == 0 or self._changed():
                 self._publish()
 
@@ -149,6 +165,10 @@ class SupervisorNode(ControlNode):
             running = message.state == LoopStatus.RUNNING
             self._core.hear_report(message.node, self._now_s(), running, fault)
             self._publish_change()
+
+    def _hear_operator(self, message: Heartbeat) -> None:
+        with self._lock:
+            self._attendance.hear(time.monotonic(), message.attended, message.who)
 
     def _set_mode(self, request: Any, response: Any) -> Any:
         with self._lock:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
-from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
+from cabols_control.ros.live import LiveOutput
+from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare_robot
+from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.tension_reference import DesiredTension
 from cabols_control.warm_up import warm_wrenches
@@ -29,6 +31,10 @@ class WrenchControllerNode(ControlNode):
     def __init__(self) -> None:
         """Subscribe to wrench, what is desired, platform_pose, mode; advertise tension_command."""
         super().__init__("wrench_controller")
+        method = declare(self, "tension_method", "", "see the control file; empty: that file's")
+        if method:
+            control = replace(self.rig.control, tension_method=method)
+            self.rig = replace(self.rig, control=control)
         warm_wrenches(self.rig)
         geometry = self.rig.geometry
         self._controller = WrenchController(self.rig)
@@ -51,7 +57,8 @@ class WrenchControllerNode(ControlNode):
         self._answer = layout.record()
         self._answer["limb"][:] = np.arange(geometry.cables)
         self._output = self.advertise(
-            "tension_command", Output(self, "tension_command", layout.msg_type, qos)
+            "tension_command",
+            LiveOutput(self, "tension_command", layout.msg_type, qos),
         )
         self._measured = np.zeros(6)
         self._desired: DesiredWrench | None = None
@@ -106,6 +113,7 @@ class WrenchControllerNode(ControlNode):
         answer["residual"][:] = controller.residual
         answer["desired"][:] = controller.desired
         self._output.publish(answer.raw())
+        self._output.copy()
         self.status.work.add(time.monotonic() - started)
         self._report()
 

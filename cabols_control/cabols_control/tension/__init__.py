@@ -7,11 +7,13 @@ for new poses. Compiled loops use `pack_pose` once per pose and `solve_packed` p
 from .basis import pack_pose
 from .distribution import DEFAULT_WEIGHTS, METHODS, distribute
 from .layout import pack_size
+from .methods import CHOICES, check_method, choose_packed, set_method
 from .packed import detect_packed, solve_batch, solve_packed, solve_pose_batch
 from .resolver import RigTensionResolver, TensionResolver
 from .solution import FEASIBLE, INFEASIBLE, INVALID, TensionSolution
 
 __all__ = [
+    "CHOICES",
     "DEFAULT_WEIGHTS",
     "FEASIBLE",
     "INFEASIBLE",
@@ -20,10 +22,13 @@ __all__ = [
     "RigTensionResolver",
     "TensionResolver",
     "TensionSolution",
+    "check_method",
+    "choose_packed",
     "detect_packed",
     "distribute",
     "pack_pose",
     "pack_size",
+    "set_method",
     "solve_batch",
     "solve_packed",
     "solve_pose_batch",

@@ -14,7 +14,7 @@ from .basis import pack_pose
 from .dense import solve_daqp
 from .enumeration import enumerate_active_sets
 from .layout import ITERATIONS, pack_size
-from .packed import solve_packed
+from .methods import CHOICES, DEFAULT_EXPONENT, choose_packed, set_method
 from .solution import FEASIBLE, INVALID, FloatArray, TensionSolution
 
 MIN_CABLES = 6
@@ -24,7 +24,7 @@ DEFAULT_WEIGHTS = (1.0, 1.0, 1.0, *[1.0 / WEIGHT_LENGTH_M] * 3)
 
 Exact = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], tuple[FloatArray | None, int]]
 _EXACT: dict[str, Exact] = {"kkt_enumeration": enumerate_active_sets, "daqp": solve_daqp}
-METHODS = ("min_norm", *_EXACT)
+METHODS = (*CHOICES, *_EXACT)
 
 
 def check_limits(
@@ -100,6 +100,7 @@ def distribute(
     tension_max: ArrayLike,
     method: str = "min_norm",
     weights: ArrayLike | None = None,
+    exponent: float = DEFAULT_EXPONENT,
 ) -> TensionSolution:
     """Choose the cable tensions that give a wrench: redundancy resolution (3.5)-(3.8).
 
@@ -124,10 +125,13 @@ def distribute(
         tension_min: number or (n,) lower limits [N].
         tension_max: number or (n,) upper limits [N].
         method: "min_norm" (compiled, exact), "kkt_enumeration" (the source's, up to 129 linear
-            solves for n = 8) or "daqp" (a QP solver, polished; needs the package `daqp`). The
-            latter two leave infeasible wrenches and rank-deficient A to "min_norm".
+            solves for n = 8) or "daqp" (a QP solver, polished; needs the package `daqp`); or,
+            for at most 8 cables, other feasible tensions than those of least norm: "p_norm",
+            "barycentre", "analytic_centre" (methods.py). All but "min_norm" leave infeasible
+            wrenches and rank-deficient A to it.
         weights: (6,) positive weights of the wrench components in the nearest wrench; default
             1/N for force and 1/(0.15 m) for torque, 0.15 m the reference platform's radius.
+        exponent: p of "p_norm", 2 to 32.
 
     Returns:
         Tensions inside the limits, whether they are feasible, residual A @ tension - wrench.
@@ -153,7 +157,8 @@ def distribute(
         found, iterations = _EXACT[method](matrix, target, low, high)
         if found is not None:
             return TensionSolution(found, True, matrix @ found - target, method, iterations)
-    status = solve_packed(pack, target, tension, residual)
+    set_method(pack, n, method if method in CHOICES else "min_norm", exponent)
+    status = choose_packed(pack, target, tension, residual)
     if status == INVALID:  # finite, but beyond what squares can hold
         raise ShapeError(f"A, wrench: expected numbers below 1e99, got {target}; check the units")
     return TensionSolution(tension, status == FEASIBLE, residual, method, int(pack[ITERATIONS]))

@@ -22,6 +22,10 @@ ITERATIONS = 6
 # limits contradict each other (-1: none) and the limit of each (-1 lower, +1 upper).
 CONFLICT = 7
 CONFLICT_SIDE = 10
+# Which feasible tensions are wanted (methods.py): method, p of the p-norm, share of the method.
+METHOD = 13
+EXPONENT = 14
+SHARE = 15
 
 # Values of STATE.
 READY = 0.0

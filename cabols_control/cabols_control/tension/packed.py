@@ -81,7 +81,7 @@ def _reject(pack: FloatArray, size: Size, tension_out: FloatArray, residual_out:
 
 
 @compiled
-def _clip_and_subtract(
+def clip_and_subtract(
     pack: FloatArray,
     size: Size,
     wrench: FloatArray,
@@ -141,28 +141,28 @@ def solve_packed(
     todo = DESCEND
     if ready and n == 8:
         if solve_fixed_eight(pack, wrench, tension_out):
-            _clip_and_subtract(pack, EIGHT, wrench, tension_out, residual_out)
+            clip_and_subtract(pack, EIGHT, wrench, tension_out, residual_out)
             return FEASIBLE
         pseudo_inverse_tension(pack, EIGHT, target, tension_out)
         if solve_plane(pack, EIGHT, tension_out):
-            _clip_and_subtract(pack, EIGHT, wrench, tension_out, residual_out)
+            clip_and_subtract(pack, EIGHT, wrench, tension_out, residual_out)
             return FEASIBLE
         todo = nearest_from_conflict(pack, EIGHT, target, tension_out)
         if todo == NOTHING:
-            _clip_and_subtract(pack, EIGHT, wrench, tension_out, residual_out)
+            clip_and_subtract(pack, EIGHT, wrench, tension_out, residual_out)
             return INFEASIBLE
     else:
         if ready:
             pseudo_inverse_tension(pack, n, target, tension_out)
             if _within_limits(pack, n, tension_out):
-                _clip_and_subtract(pack, n, wrench, tension_out, residual_out)
+                clip_and_subtract(pack, n, wrench, tension_out, residual_out)
                 return FEASIBLE
         start_from_limits(pack, n, tension_out)
     if todo == DESCEND:
         todo = descend(pack, n, target, tension_out)
     if todo == CHOOSE and not (ready and n == 8 and choose_on_line(pack, n, tension_out)):
         choose_on_face(pack, n, tension_out)
-    largest = _clip_and_subtract(pack, n, wrench, tension_out, residual_out)
+    largest = clip_and_subtract(pack, n, wrench, tension_out, residual_out)
     return FEASIBLE if _reached(pack, target, largest) else INFEASIBLE
 
 

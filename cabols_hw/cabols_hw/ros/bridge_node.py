@@ -17,7 +17,8 @@ from cabols_control.modes import MOVING, OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
-from cabols_control.ros.loop import SLOW_INPUT, Input, Output, make_wait_set, wait_for
+from cabols_control.ros.live import LiveOutput
+from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait_for
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos
@@ -126,9 +127,12 @@ class BridgeNode(ControlNode):
             pose_age=max(config.pose_age, oldest),
         )
 
-    def _output(self, topic: str) -> Output:
+    def _output(self, topic: str) -> LiveOutput:
         qos = control_qos(self.lockstep)
-        return self.advertise(topic, Output(self, topic, topics.TYPES[topic], qos))
+        kind = topics.TYPES[topic]
+        output = LiveOutput(self, topic, kind, qos)
+        self.advertise(topic, output)
+        return output
 
     def extra_inputs(self) -> list[Input]:
         """Inputs besides motor_current and mode: here, the platform's pose from the robot."""
@@ -258,6 +262,8 @@ class BridgeNode(ControlNode):
         # One wrench per limb state, so that DDS numbers both alike: see TensionCommand.sequence.
         self._state_output.publish(state.raw())
         self._wrench_output.publish(wrench.raw())
+        self._state_output.copy()
+        self._wrench_output.copy()
 
     def _take_answers(self) -> None:
         if self._current_input.take():

@@ -15,7 +15,8 @@ from cabols_control.checks import finite_array
 from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
-from cabols_control.ros.loop import Input, Output
+from cabols_control.ros.live import LiveOutput
+from cabols_control.ros.loop import Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
@@ -109,10 +110,10 @@ class RobotStream(GuardedThread):
         qos = control_qos(node.lockstep)
         pose_type = topics.TYPES["platform_pose"]
         self._pose_output = node.advertise(
-            "platform_pose", Output(node, "platform_pose", pose_type, qos)
+            "platform_pose", LiveOutput(node, "platform_pose", pose_type, qos)
         )
         self._joint_output = node.advertise(
-            "joint_states", Output(node, "joint_states", JointState, qos)
+            "joint_states", LiveOutput(node, "joint_states", JointState, qos)
         )
         layout = topics.mode_layout("")
         self._mode_input = Input(node, "mode", layout, latched_qos(node.lockstep))
@@ -160,6 +161,8 @@ class RobotStream(GuardedThread):
         self._base.pose_into(sample, self._pose["pose"])
         self._pose_output.publish(self._pose.raw())
         self._joint_output.publish(self._joints.raw(self.stamp_ns, sample.joints.tolist()))
+        self._pose_output.copy()
+        self._joint_output.copy()
         self._node.status.work.add(time.monotonic() - began)
 
     def _report(self) -> None:

@@ -16,6 +16,7 @@ from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
+from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
@@ -108,9 +109,10 @@ class PlantNode(BridgeNode):
         self._pose = topics.pose_layout(geometry).record()
         self._place = b""
         if self.coupling is None:
-            qos = control_qos(self.lockstep)
+            qos, pose_type = control_qos(self.lockstep), topics.TYPES["platform_pose"]
             self._pose_output = self.advertise(
-                "platform_pose", Output(self, "platform_pose", topics.TYPES["platform_pose"], qos)
+                "platform_pose",
+                LiveOutput(self, "platform_pose", pose_type, qos),
             )
 
         self._truth = None
@@ -208,6 +210,7 @@ class PlantNode(BridgeNode):
             self._pose["pose"][:3] = target.position + offset
             self._pose["pose"][3:] = Rotation.from_matrix(target.rotation).as_quat()
         self._pose_output.publish(self._pose.raw())
+        self._pose_output.copy()
 
     def end(self) -> None:
         """End the bridge, then the link."""

@@ -15,6 +15,7 @@ from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.qos import latched_qos, status_qos
 from cabols_stiffness.campaign.journal import PLAN, read_samples
 from cabols_stiffness.campaign.plan import load_plan
+from cabols_stiffness.ros.report_service import ReportService
 from cabols_stiffness.running import RunningIdentification
 
 REPORT_S = 0.5
@@ -40,12 +41,15 @@ class StiffnessIdentifierNode(ControlNode):
         self._skipped = 0
         self._identification: RunningIdentification | None = None
         self._trouble = ""
+        self._last_folder = ""
+        self._reports = ReportService(self, lambda: self._last_folder)
         self.create_subscription(CampaignStatus, "campaign_status", self._hear_status, latched)
         self.create_subscription(StiffnessLoad, "stiffness_load", self._hear_load, status_qos())
         self.create_timer(REPORT_S, lambda: self.status.cycle(0, RUNNING, self._trouble))
 
     def _hear_status(self, message: CampaignStatus) -> None:
         self._accuracy, self._skipped = message.accuracy, message.skipped
+        self._last_folder = "!the campaign is running" if message.active else message.folder
         if not message.active or message.folder == self._folder:
             return
         try:
@@ -54,6 +58,10 @@ class StiffnessIdentifierNode(ControlNode):
             self._folder, self._trouble = message.folder, ""
         except CabolsError as error:
             self._complain(error)
+
+    def end(self) -> None:
+        """End an analysis under way."""
+        self._reports.close()
 
     def _hear_load(self, message: StiffnessLoad) -> None:
         identification = self._identification

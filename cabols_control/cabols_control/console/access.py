@@ -1,0 +1,179 @@
+"""Who may open the console, and which of its pages is in command."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+import secrets
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from cabols_control.errors import ConfigError
+
+TOKEN_MIN = 16
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+COOKIE = "cabols_console"
+LOCAL_NAMES = ("localhost", "127.0.0.1", "[::1]")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a server that binds this address can be reached from this machine only."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the gate needs to know of a request.
+
+    Attributes:
+        method: of HTTP; "GET" for a WebSocket's handshake.
+        websocket: whether it opens a WebSocket.
+        headers: names in lower case.
+        cookies: by name.
+        query_token: of the address, `?token=...`; empty if there is none.
+    """
+
+    method: str
+    websocket: bool
+    headers: Mapping[str, str]
+    cookies: Mapping[str, str]
+    query_token: str = ""
+
+
+class AccessPolicy:
+    """Decides about every request, of pages, commands and WebSockets alike.
+
+    A console on loopback asks for no token, unless one is given; but it answers only to requests
+    for this machine's name, from its own pages: other sites that the operator's browser shows must
+    not reach it (by a foreign Origin, or by a name that a foreign DNS points here).
+    """
+
+    def __init__(self, host: str, token: str = "") -> None:
+        """Check the combination.
+
+        Args:
+            host: address that the server binds.
+            token: demanded of every request; empty: none.
+
+        Raises:
+            ConfigError: if another address than loopback has no token, or a token is too short.
+        """
+        self.local = is_loopback(host)
+        if not self.local and not token:
+            raise ConfigError(
+                f"console: expected a token_file, as {host} can be reached from other machines; "
+                "write a secret into a file that only you can read and name it"
+            )
+        if token and len(token) < TOKEN_MIN:
+            raise ConfigError(
+                f"token_file: expected at least {TOKEN_MIN} characters, got {len(token)}"
+            )
+        self._token = token
+        # The cookie is no copy of the token, and dies with this server.
+        salt = secrets.token_bytes(32)
+        self._session = hmac.new(salt, token.encode(), hashlib.sha256).hexdigest()
+
+    @property
+    def needs_token(self) -> bool:
+        """Whether a token is demanded."""
+        return bool(self._token)
+
+    @property
+    def session(self) -> str:
+        """Cookie of a browser that has shown the token."""
+        return self._session
+
+    def knows(self, token: str) -> bool:
+        """Whether this is the token; takes the same time for every wrong one."""
+        return hmac.compare_digest(token.encode(), self._token.encode())
+
+    def foreign(self, request: Request) -> str:
+        """Why a request comes from elsewhere than this console's pages; empty if it does not."""
+        host = request.headers.get("host", "")
+        name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
+        if self.local and name not in LOCAL_NAMES:
+            return f"expected a request for {' or '.join(LOCAL_NAMES)}, got one for {host!r}"
+        origin = request.headers.get("origin", "")
+        if origin and origin.partition("://")[2] != host:
+            return f"expected a page of {host}, got a request of {origin}"
+        changes = request.websocket or request.method not in SAFE_METHODS
+        if changes and request.headers.get("sec-fetch-site", "") in ("cross-site", "same-site"):
+            return "expected a page of this console, got a request of another site"
+        return ""
+
+    def admitted(self, request: Request) -> bool:
+        """Whether the token was shown: in a header, in the address, or before, by the cookie."""
+        if not self.needs_token:
+            return True
+        scheme, _, given = request.headers.get("authorization", "").partition(" ")
+        if scheme.lower() == "bearer" and self.knows(given.strip()):
+            return True
+        if request.query_token and self.knows(request.query_token):
+            return True
+        return hmac.compare_digest(request.cookies.get(COOKIE, ""), self._session)
+
+
+@dataclass(frozen=True)
+class Holder:
+    """The page in command.
+
+    Attributes:
+        page: its id.
+        session: its browser's id; the same for a page that was loaded again.
+        name: shown to the others.
+    """
+
+    page: str
+    session: str
+    name: str
+
+
+class Lease:
+    """One page at a time may command; a page that does not answer loses it to who asks."""
+
+    def __init__(self, alive: Callable[[str], bool]) -> None:
+        """Nobody is in command; `alive` tells whether a page answers."""
+        self._alive = alive
+        self.holder: Holder | None = None
+
+    @property
+    def attended(self) -> bool:
+        """Whether a page is in command and answers."""
+        return self.holder is not None and self._alive(self.holder.page)
+
+    def take(self, page: str, session: str, name: str) -> str:
+        """Take command; returns why not, empty if it was granted."""
+        holder = self.holder
+        if holder is not None and holder.page != page and self._alive(holder.page):
+            return f"{holder.name} is in command: let them release it first"
+        self.holder = Holder(page, session, name)
+        return ""
+
+    def adopt(self, page: str, session: str, name: str) -> bool:
+        """Give command to a page that replaces the same browser's lost one, e.g. reloaded."""
+        holder = self.holder
+        if holder is None or holder.session != session or self._alive(holder.page):
+            return False
+        self.holder = Holder(page, session, name)
+        return True
+
+    def release(self, page: str) -> bool:
+        """Give command up; whether this page had it."""
+        if self.holder is None or self.holder.page != page:
+            return False
+        self.holder = None
+        return True
+
+    def refusal(self, page: str) -> str:
+        """Why a page may not command; empty if it may."""
+        if self.holder is None:
+            return "nobody is in command: take command first"
+        if self.holder.page != page:
+            return f"{self.holder.name} is in command, this page watches"
+        return ""

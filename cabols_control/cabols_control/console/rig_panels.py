@@ -1,0 +1,189 @@
+"""Operating the rig itself: modes, recording, robot and tracker, single limbs."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+
+from cabols_control.console.mailbox import WARNING
+from cabols_control.modes import OperatingMode
+
+if TYPE_CHECKING:
+    from cabols_control.console.page import PageContext
+
+ASKED = (
+    (OperatingMode.FREE_MOVING, "Free-move"),
+    (OperatingMode.PRETIGHTENING, "Pre-tighten"),
+    (OperatingMode.LOADING, "Load"),
+    (OperatingMode.STOPPED, "Stop (unload)"),
+)
+ROBOT_MODES = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
+
+
+def button(text: str, on_click: Any, name: str, colour: str = "blue-grey-8") -> ui.button:
+    """A button as all of them are; `name` is for tests and scripts."""
+    made = ui.button(text, on_click=on_click, color=colour)
+    made.props(f"unelevated dense padding='8px 10px' data-name={name}")
+    return made
+
+
+def chooser(
+    options: dict[int, str], label: str, text: str, on_click: Any, name: str
+) -> tuple[ui.select, ui.button]:
+    """A choice, and beside it the button that acts on it."""
+    with ui.row().classes("items-center no-wrap full-width rowed").style("margin-top:6px"):
+        choice = ui.select(options, value=0, label=label).style("flex:1")
+        choice.props("dense outlined options-dense")
+        return choice, button(text, on_click, name, "cyan-9")
+
+
+def enable(element: Any, on: bool) -> None:
+    """Enable or disable, without a message if nothing changes."""
+    if element.enabled != on:
+        element.set_enabled(on)
+
+
+def mode_of(state: dict[str, Any]) -> dict[str, Any]:
+    """Mode's part of the state."""
+    found: dict[str, Any] = state.get("mode") or {"number": -1, "name": "", "next": []}
+    return found
+
+
+def activity(state: dict[str, Any], action: str) -> dict[str, Any]:
+    """What an action does."""
+    found: dict[str, Any] = (state.get("activities") or {}).get(action) or {}
+    return found
+
+
+class ModePanel:
+    """Modes, reset, tare, recording."""
+
+    def __init__(self, own: PageContext) -> None:
+        """Build."""
+        self._own = own
+        ui.html("<h2>Rig</h2>", sanitize=False)
+        self._modes = {}
+        with ui.element("div").classes("modes"):
+            for mode, text in ASKED:
+                colour = "cyan-9" if mode != OperatingMode.STOPPED else "blue-grey-7"
+                self._modes[mode] = button(
+                    text,
+                    lambda m=mode: own.call("set_mode", mode=int(m)),
+                    f"mode-{mode.name}",
+                    colour,
+                )
+            self._tare = button("Tare sensor", lambda: own.call("tare"), "tare")
+            self._reset = button("Reset fault", lambda: own.call("reset"), "reset", "deep-orange-9")
+            self._record = button("Start recording", self._toggle_recording, "record")
+            self._record.style("grid-column: 1 / -1")
+        ui.html(
+            '<div id="recording-text" class="hint" style="margin-top:6px"></div>', sanitize=False
+        )
+        self._recording = False
+
+    async def _toggle_recording(self) -> None:
+        await self._own.call("record", data=not self._recording)
+
+    def refresh(self, state: dict[str, Any], commanding: bool) -> None:
+        """Follow the state."""
+        mode = mode_of(state)
+        for wanted, made in self._modes.items():
+            enable(made, commanding and int(wanted) in mode["next"])
+        enable(self._tare, commanding and mode["name"] == "STOPPED")
+        enable(self._reset, commanding and mode["name"] == "FAULT")
+        self._recording = bool(state.get("recording"))
+        self._record.text = "Stop recording" if self._recording else "Start recording"
+        enable(self._record, commanding and state.get("recording") is not None)
+
+
+class RobotPanel:
+    """Moving the robot to a stored configuration, measuring a reflector."""
+
+    def __init__(self, own: PageContext) -> None:
+        """Build."""
+        self._own = own
+        count = own.desk.settings.configurations
+        reflectors = len(own.desk.settings.scene["reflectors"])
+        places = {i: f"Configuration {i}" for i in range(count)}
+        self._index, self._move = chooser(
+            places, "Stored configuration", "Move", self._do_move, "move"
+        )
+        self._cancel = button(
+            "Stop the robot", lambda: own.cancel("move_to_configuration"), "move-cancel"
+        )
+        self._moved = ui.html("", sanitize=True).classes("verdict")
+        targets = {i: f"Reflector {i + 1}" for i in range(reflectors)}
+        self._reflector, self._measure = chooser(
+            targets, "Laser tracker", "Measure", self._do_measure, "measure"
+        )
+        self._measured = ui.html("", sanitize=True).classes("verdict")
+        ui.html("The robot moves in Stopped and Free-moving only.", sanitize=True).classes("hint")
+
+    async def _do_move(self) -> None:
+        await self._own.start("move_to_configuration", index=int(self._index.value))
+
+    async def _do_measure(self) -> None:
+        await self._own.start(
+            "measure_reflector", reflector=int(self._reflector.value), search=True
+        )
+
+    def refresh(self, state: dict[str, Any], commanding: bool) -> None:
+        """Follow the state."""
+        moving = activity(state, "move_to_configuration")
+        allowed = mode_of(state)["number"] in [int(mode) for mode in ROBOT_MODES]
+        enable(self._move, commanding and allowed and not moving.get("busy"))
+        enable(self._cancel, commanding and bool(moving.get("busy")))
+        self._moved.content = escape(moving.get("text", ""))
+        measuring = activity(state, "measure_reflector")
+        enable(self._measure, commanding and not measuring.get("busy"))
+        self._measured.content = escape(measuring.get("text", ""))
+
+
+class LimbPanel:
+    """Commissioning of one limb."""
+
+    def __init__(self, own: PageContext) -> None:
+        """Build."""
+        self._own = own
+        cables = own.desk.settings.cables
+        self._limb = (
+            ui.select({i: f"Limb {i + 1}" for i in range(cables)}, value=0, label="Limb")
+            .props("dense outlined options-dense")
+            .classes("full-width")
+        )
+        with ui.row().classes("full-width"):
+            self._step = ui.checkbox("Step: gain, time constant", value=True).props("dense")
+            self._ramp = ui.checkbox("Ramp: stiffness", value=True).props("dense")
+        with ui.row().classes("full-width rowed"):
+            self._start = button("Commission", self._do_start, "commission", "cyan-9")
+            self._cancel = button(
+                "Abort", lambda: own.cancel("commission_limb"), "commission-cancel"
+            )
+        self._progress = ui.linear_progress(0.0, show_value=False).props("aria-label='Progress'")
+        self._text = ui.html("", sanitize=True).classes("verdict")
+        ui.html(
+            "Starts in Stopped. The step pays cable out and in; the ramp pre-tightens all limbs "
+            "and pulls one to 150 N.",
+            sanitize=True,
+        ).classes("hint")
+
+    async def _do_start(self) -> None:
+        if not (self._step.value or self._ramp.value):
+            self._own.desk.mailbox.tell(WARNING, "console", "commissioning: choose step or ramp")
+        await self._own.start(
+            "commission_limb",
+            limb=int(self._limb.value),
+            step=bool(self._step.value),
+            ramp=bool(self._ramp.value),
+        )
+
+    def refresh(self, state: dict[str, Any], commanding: bool) -> None:
+        """Follow the state."""
+        doing = activity(state, "commission_limb")
+        busy = bool(doing.get("busy"))
+        enable(self._start, commanding and mode_of(state)["name"] == "STOPPED" and not busy)
+        enable(self._cancel, commanding and busy)
+        self._progress.value = doing.get("progress", 0.0)
+        self._text.content = escape(doing.get("text", ""))

@@ -1,0 +1,199 @@
+"""The console's commands: services and actions that any ROS client could call."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+from typing import Any
+
+from cabols_msgs.action import (
+    CommissionLimb,
+    MeasureReflector,
+    MoveToConfiguration,
+    RunProgram,
+    RunStiffnessTest,
+)
+from cabols_msgs.srv import CheckProgram, SetMode
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+
+from cabols_control.console.desk import Answer
+from cabols_control.console.mailbox import NOTICE, WARNING, Mailbox
+
+ANSWER_S = 5.0
+SERVICES: dict[str, tuple[Any, str]] = {
+    "set_mode": (SetMode, "set_mode"),
+    "emergency_stop": (Trigger, "emergency_stop"),
+    "reset": (Trigger, "reset"),
+    "tare": (Trigger, "tare"),
+    "record": (SetBool, "record"),
+    "check_program": (CheckProgram, "check_program"),
+    "pause": (Trigger, "pause_stiffness_test"),
+    "resume": (Trigger, "resume_stiffness_test"),
+    "abort": (Trigger, "abort_stiffness_test"),
+    "report": (Trigger, "report_stiffness_test"),
+}
+ACTIONS: dict[str, Any] = {
+    "run_program": RunProgram,
+    "commission_limb": CommissionLimb,
+    "move_to_configuration": MoveToConfiguration,
+    "measure_reflector": MeasureReflector,
+    "run_stiffness_test": RunStiffnessTest,
+}
+
+
+class Calls:
+    """Clients of the rig's services and actions, for coroutines of the server's loop.
+
+    Their answers arrive in the node's executor; they are handed over to the loop that asked.
+    """
+
+    def __init__(self, node: Node, mailbox: Mailbox) -> None:
+        """Make the clients; nothing is called."""
+        self._node = node
+        self._mailbox = mailbox
+        self._services = {
+            key: node.create_client(kind, name) for key, (kind, name) in SERVICES.items()
+        }
+        self._actions = {name: ActionClient(node, kind, name) for name, kind in ACTIONS.items()}
+        self._activities: dict[str, dict[str, Any]] = {}
+        self._handles: dict[str, Any] = {}
+
+    def close(self) -> None:
+        """Destroy the action clients."""
+        for client in self._actions.values():
+            client.destroy()
+
+    async def call(self, service: str, fields: dict[str, Any]) -> Answer:
+        """Call a service; what does not answer in time is said."""
+        client, (kind, name) = self._services[service], SERVICES[service]
+        if not client.service_is_ready():
+            return Answer(False, f"no service {name}: its node is not running")
+        future = client.call_async(kind.Request(**fields))
+        try:
+            response = await self._arrive(future)
+        except asyncio.TimeoutError:
+            client.remove_pending_request(future)
+            return Answer(False, f"{name}: no answer within {ANSWER_S:g} s")
+        return Answer(bool(response.success), str(response.message) or "done", response)
+
+    async def start(self, action: str, fields: dict[str, Any]) -> Answer:
+        """Send a goal; its end is told by the activities."""
+        client, kind = self._actions[action], ACTIONS[action]
+        if not client.server_is_ready():
+            return Answer(False, f"no action {action}: its node is not running")
+        if self._activities.get(action, {}).get("busy"):
+            return Answer(False, f"{action} is under way")
+        self._set(action, busy=True, progress=0.0, text="asked")
+        sent = client.send_goal_async(
+            kind.Goal(**fields), lambda message: self._hear(action, message.feedback)
+        )
+        try:
+            handle = await self._arrive(sent)
+        except asyncio.TimeoutError:
+            sent.add_done_callback(lambda late: self._begin_late(action, late))
+            self._set(action, busy=False, progress=0.0, text=f"no answer within {ANSWER_S:g} s")
+            return Answer(False, f"{action}: no answer within {ANSWER_S:g} s")
+        if not handle.accepted:
+            text = "refused: the log says why"
+            self._set(action, busy=False, progress=0.0, text=text)
+            return Answer(False, text)
+        self._follow(action, handle)
+        return Answer(True, "accepted")
+
+    async def cancel(self, action: str) -> Answer:
+        """Cancel what was started here."""
+        handle = self._handles.get(action)
+        if handle is None:
+            return Answer(False, f"{action} is not under way")
+        try:
+            response = await self._arrive(handle.cancel_goal_async())
+        except asyncio.TimeoutError:
+            return Answer(False, f"{action}: no answer within {ANSWER_S:g} s")
+        return Answer(bool(response.goals_canceling), "cancelling")
+
+    async def _arrive(self, future: Future) -> Any:
+        """Await a future of rclpy in asyncio.
+
+        Raises:
+            asyncio.TimeoutError: after ANSWER_S.
+        """
+        loop = asyncio.get_running_loop()
+        arrived = asyncio.Event()
+        future.add_done_callback(lambda _: loop.call_soon_threadsafe(arrived.set))
+        await asyncio.wait_for(arrived.wait(), ANSWER_S)
+        return future.result()
+
+    def _begin_late(self, action: str, sent: Future) -> None:
+        """An answer that came after all: what has begun can then still be cancelled."""
+        handle = sent.result()
+        if handle is not None and handle.accepted:
+            self._set(action, busy=True, text="accepted late")
+            self._follow(action, handle)
+
+    def _follow(self, action: str, handle: Any) -> None:
+        self._handles[action] = handle
+        handle.get_result_async().add_done_callback(lambda done: self._end(action, done))
+
+    def _end(self, action: str, done: Future) -> None:
+        self._handles.pop(action, None)
+        result = done.result().result
+        success = bool(result.success)
+        text = _RESULTS.get(action, _plain)(result)
+        self._set(action, busy=False, progress=1.0 if success else 0.0, text=text)
+        self._mailbox.tell(
+            NOTICE if success else WARNING, action.replace("_", " "), text or "ended"
+        )
+
+    def _hear(self, action: str, feedback: Any) -> None:
+        progress, text = _FEEDBACKS[action](feedback)
+        self._set(action, busy=True, progress=progress, text=text)
+
+    def _set(self, action: str, **parts: Any) -> None:
+        self._activities[action] = {**self._activities.get(action, {}), **parts}
+        self._mailbox.put_state(activities=dict(self._activities))
+
+
+def _plain(result: Any) -> str:
+    return str(result.message) or ("done" if result.success else "failed")
+
+
+def _limb_result(result: Any) -> str:
+    found = []
+    if math.isfinite(result.gain):
+        found.append(f"k {result.gain:.4f} m/s/A, T {result.time_constant:.4f} s")
+    if math.isfinite(result.stiffness):
+        found.append(f"k_e {result.stiffness:.0f} N/m")
+    return "; ".join([*found, result.message])
+
+
+def _campaign_result(result: Any) -> str:
+    return f"{_plain(result)}: {result.loads} loads, {result.skipped} skipped, in {result.folder}"
+
+
+def _program_feedback(f: Any) -> tuple[float, str]:
+    left = max(f.duration - f.elapsed, 0.0)
+    return f.elapsed / max(
+        f.duration, 1e-9
+    ), f"running: {f.elapsed:.0f} of {f.duration:.0f} s, {left:.0f} s left"
+
+
+def _campaign_feedback(f: Any) -> tuple[float, str]:
+    """The rest is on campaign_status, for every page and every console."""
+    return f.done / max(f.total, 1), str(f.phase)
+
+
+_RESULTS: dict[str, Callable[[Any], str]] = {
+    "commission_limb": _limb_result,
+    "run_stiffness_test": _campaign_result,
+}
+_FEEDBACKS: dict[str, Callable[[Any], tuple[float, str]]] = {
+    "run_program": _program_feedback,
+    "commission_limb": lambda f: (float(f.progress), str(f.phase)),
+    "move_to_configuration": lambda f: (0.0, f"moving, {f.elapsed:.0f} s"),
+    "measure_reflector": lambda f: (0.0, f"{f.phase}, {f.elapsed:.0f} s"),
+    "run_stiffness_test": _campaign_feedback,
+}

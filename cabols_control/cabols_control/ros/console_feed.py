@@ -1,0 +1,278 @@
+"""What the console hears of the rig: looked at twenty times a second, from slow copies only."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from cabols_msgs.msg import (
+    CampaignStatus,
+    LoopStatus,
+    Mode,
+    ReflectorMeasurement,
+    StiffnessEstimate,
+)
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import Log
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from cabols_control.console.mailbox import FAULT, INFO, NOTICE, WARNING, Mailbox
+from cabols_control.console.view_models import (
+    LoopReport,
+    Measured,
+    campaign_view,
+    device_rows,
+    estimate_rows,
+    first_report,
+    loop_rows,
+    mode_view,
+    numbers,
+)
+from cabols_control.modes import OperatingMode
+from cabols_control.rig import Rig
+from cabols_control.ros import topics
+from cabols_control.ros.live import live_name, live_qos
+from cabols_control.ros.loop import Input, LoopGroup
+from cabols_control.ros.qos import latched_qos, status_qos
+
+STALE_S = 0.5
+"""Values that are older are shown as none."""
+STATE_EVERY = 10
+"""Frames between two looks at the loops' health: half a second."""
+LEVELS = {DiagnosticStatus.OK: 1, DiagnosticStatus.WARN: 0, DiagnosticStatus.ERROR: 2}
+"""Level on /diagnostics to state of LoopStatus."""
+LOUD = 30
+"""rosout's number of a warning; below it, nodes speak for their own log."""
+
+
+class Typed:
+    """Messages of a rare topic, taken as objects on a look; no executor wakes for them."""
+
+    def __init__(self, node: Node, msg_type: type, topic: str, qos: QoSProfile) -> None:
+        """Subscribe."""
+        self._type = msg_type
+        self.subscription = node.create_subscription(
+            msg_type, topic, lambda _: None, qos, callback_group=LoopGroup()
+        )
+        self._handle = self.subscription.handle
+
+    def take(self) -> list[Any]:
+        """Take all that waits, oldest first."""
+        found = []
+        while (taken := self._handle.take_message(self._type, False)) is not None:
+            found.append(taken[0])
+        return found
+
+
+class Feed:
+    """Turns what it hears into the mailbox's frame, state and events."""
+
+    def __init__(self, node: Node, rig: Rig, mailbox: Mailbox) -> None:
+        """Subscribe; `look` is to be called by one thread."""
+        self._mailbox = mailbox
+        self._own = node.get_name()
+        geometry = rig.geometry
+
+        def live(topic: str, layout: Any) -> Input:
+            return Input(node, live_name(topic), layout, live_qos())
+
+        self._state = live("limb_state", topics.limb_state_layout(geometry))
+        self._wrench = live("wrench", topics.wrench_layout(geometry.platform_frame))
+        self._command = live("tension_command", topics.tension_command_layout(geometry))
+        self._pose = live("platform_pose", topics.pose_layout(geometry))
+        self._joints = Typed(node, JointState, live_name("joint_states"), live_qos())
+        self._modes = Typed(node, Mode, "mode", latched_qos(False))
+        self._status = Typed(node, LoopStatus, "loop_status", status_qos())
+        self._diagnostics = Typed(node, DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
+        self._measured = Typed(node, ReflectorMeasurement, "reflector_measurement", status_qos())
+        latched = latched_qos(False)
+        self._estimates = Typed(node, StiffnessEstimate, "stiffness_estimate", latched)
+        self._campaigns = Typed(node, CampaignStatus, "campaign_status", latched)
+        self._recordings = Typed(node, String, "recording", latched_qos(False))
+        spoken = QoSProfile(depth=200, durability=DurabilityPolicy.VOLATILE)
+        self._spoken = Typed(node, Log, "/rosout", spoken)
+        self._reports: dict[str, LoopReport] = {}
+        self._beam: Measured | None = None
+        self._mode: tuple[int, str] | None = None
+        self._mode_s = 0.0
+        self._joint_values: tuple[float, list[float]] = (0.0, [])
+        self._turns = 0
+
+    def frame_inputs(self) -> tuple[Input, ...]:
+        """Inputs of a frame, for other viewers of the same thread."""
+        return self._state, self._wrench, self._command, self._pose
+
+    def look(self) -> dict[str, Any]:
+        """Take what has come, put it into the mailbox; returns the frame."""
+        for source in self.frame_inputs():
+            source.take()
+        for message in self._joints.take():
+            self._joint_values = (time.monotonic(), list(message.position))
+        self._hear_modes()
+        for message in self._status.take():
+            self._hear_status(message)
+        for message in self._diagnostics.take():
+            self._hear_diagnostics(message)
+        self._hear_rare()
+        frame = self._frame()
+        self._mailbox.put_frame(frame)
+        self._turns += 1
+        if self._turns % STATE_EVERY == 0:
+            self._tell_health()
+        return frame
+
+    def _frame(self) -> dict[str, Any]:
+        now_ns = time.monotonic_ns()
+        frame: dict[str, Any] = {}
+
+        def fresh(source: Input) -> bool:
+            age = 1e-9 * (now_ns - source.received_ns)
+            return source.record is not None and age <= STALE_S
+
+        if fresh(self._state):
+            record = self._state.record
+            frame["T"] = numbers(record["tension"], 2)
+            frame["C"] = numbers(record["current"], 3)
+            frame["S"] = _bits(record["switch_closed"])
+            frame["Z"] = _bits(record["zeroed"])
+        if fresh(self._wrench):
+            frame["w"] = numbers(self._in_base_axes(self._wrench.record["wrench"]), 3)
+        if fresh(self._command):
+            record = self._command.record
+            frame["A"] = numbers(record["tension"], 2)
+            frame["F"] = bool(record["feasible"])
+            frame["d"] = numbers(record["desired"], 3)
+        if fresh(self._pose):
+            frame["P"] = numbers(self._pose.record["pose"], 5)
+        heard_s, values = self._joint_values
+        if values and time.monotonic() - heard_s <= STALE_S:
+            frame["J"] = numbers(values, 5)
+        return frame
+
+    def _in_base_axes(self, wrench: np.ndarray) -> np.ndarray:
+        """The sensor measures in the platform's axes, loads are asked for in the base's."""
+        record = self._pose.record
+        if record is None:
+            return wrench
+        x, y, z, w = record["pose"][3:]
+        turn = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        return (turn @ wrench.reshape(2, 3).T).T.ravel()
+
+    def _hear_modes(self) -> None:
+        for message in self._modes.take():
+            self._mode_s = time.monotonic()
+            heard = (int(message.mode), str(message.reason))
+            if heard == self._mode:
+                continue
+            self._mode = heard
+            mode = OperatingMode(heard[0])
+            level = FAULT if mode == OperatingMode.FAULT else NOTICE
+            if heard[1].startswith("unattended"):
+                level = WARNING
+            self._mailbox.tell(level, "supervisor", f"mode {mode.name}: {heard[1]}")
+            self._mailbox.put_state(mode=mode_view(*heard))
+
+    def _hear_status(self, message: LoopStatus) -> None:
+        now_s = time.monotonic()
+        report = LoopReport(
+            node=message.node,
+            state=int(message.state),
+            reason=str(message.reason),
+            cycles=int(message.cycles),
+            lost=int(message.lost),
+            late=int(message.late),
+            infeasible=int(message.infeasible),
+            work_s=(float(message.work_time), float(message.work_time_p99)),
+            round_trip_s=(float(message.round_trip), float(message.round_trip_p99)),
+            received_s=now_s,
+            heard_s=now_s,
+        )
+        before = self._reports.get(message.node)
+        changed = before is None or (before.state, before.reason) != (report.state, report.reason)
+        if changed and report.reason:
+            level = FAULT if report.state == LoopStatus.FAULT else WARNING
+            self._mailbox.tell(level, message.node, report.reason)
+        elif changed and before is not None and before.reason:
+            self._mailbox.tell(INFO, message.node, "cleared")
+        self._reports[message.node] = report.after(before)
+
+    def _hear_diagnostics(self, message: DiagnosticArray) -> None:
+        """Every node's sign of life; loop_status has the numbers."""
+        now_s = time.monotonic()
+        for status in message.status:
+            owner, _, node = status.name.partition(": ")
+            if owner != "cabols" or not node:
+                continue
+            known = self._reports.get(node)
+            self._reports[node] = (
+                known.heard(now_s)
+                if known is not None
+                else first_report(node, LEVELS.get(status.level, 0), "", now_s)
+            )
+
+    def _hear_rare(self) -> None:
+        for message in self._measured.take():
+            self._beam = Measured(
+                int(message.reflector), bool(message.success), message.reason, message.rms
+            )
+            name = f"reflector {message.reflector + 1}"
+            if message.success:
+                p = message.position
+                text = f"{name} at {p.x:.5f}, {p.y:.5f}, {p.z:.5f} m in the tracker's frame"
+                self._mailbox.tell(NOTICE, "tracker", text)
+            else:
+                self._mailbox.tell(WARNING, "tracker", f"{name}: {message.reason}")
+        for message in self._estimates.take():
+            self._mailbox.put_state(
+                estimate=estimate_rows(
+                    message.stiffness,
+                    message.standard_deviation,
+                    message.identifiable,
+                    int(message.loads),
+                    float(message.accuracy),
+                )
+            )
+        for message in self._campaigns.take():
+            self._mailbox.put_state(campaign=_campaign(message))
+        for message in self._recordings.take():
+            self._mailbox.put_state(recording=message.data)
+        for message in self._spoken.take():
+            if message.level >= LOUD and not message.name.endswith(self._own):
+                level = FAULT if message.level > LOUD else WARNING
+                self._mailbox.tell(level, message.name.rpartition(".")[2], message.msg)
+
+    def _tell_health(self) -> None:
+        now_s = time.monotonic()
+        if self._mode is None or now_s - self._mode_s > 2.0 * STALE_S:
+            self._mode = None
+            self._mailbox.put_state(mode=mode_view(None, ""))
+        self._mailbox.put_state(
+            loops=loop_rows(self._reports, now_s),
+            devices=device_rows(self._reports, self._beam, now_s),
+        )
+
+
+def _campaign(message: CampaignStatus) -> dict[str, Any]:
+    return campaign_view(
+        bool(message.active),
+        str(message.phase),
+        (int(message.done), int(message.skipped), int(message.total)),
+        (int(message.configuration), int(message.reflector), int(message.load)),
+        float(message.remaining),
+        str(message.note),
+    )
+
+
+def _bits(flags: np.ndarray) -> int:
+    """Flags as one number, the first one lowest."""
+    return sum(1 << i for i, flag in enumerate(flags) if flag)

@@ -1,0 +1,242 @@
+"""One bag being recorded: topics are taken as they were sent, in one thread, written in another."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.qos import QoSProfile
+
+from cabols_control.bags.errors import BagError
+from cabols_control.bags.gaps import Gaps
+from cabols_control.bags.metadata import OfferedQos
+from cabols_control.bags.scan import first_stamp
+from cabols_control.bags.writer import BagWriter
+from cabols_control.realtime import collect_young
+from cabols_control.ros import topics
+from cabols_control.ros.loop import IDLE_NS, LoopGroup, make_wait_set, wait_for
+from cabols_control.ros.node import RUNNING, WAITING, ControlNode
+from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+
+QUEUE_DEPTH = 4000
+GATHER_S = 0.02
+"""How long messages gather before all are taken; the middleware stamps their reception."""
+STATUS_S = 1.0
+END_S = 5.0
+"""How long a slow disk may keep the end waiting; normally it takes a quarter of a second."""
+
+Item = tuple[int, str, int, bytes, int]
+
+
+class Tap:
+    """One recorded topic."""
+
+    def __init__(self, node: ControlNode, topic: str) -> None:
+        """Subscribe, whether or not anybody publishes yet."""
+        self.topic = topic
+        self._type = topics.TYPES[topic]
+        self.offered = _offered_qos(topic, node.lockstep)
+        wanted = QoSProfile(
+            depth=QUEUE_DEPTH,
+            reliability=self.offered.reliability,
+            durability=self.offered.durability,
+        )
+        self._subscription = node.create_subscription(
+            self._type, topic, _unused, wanted, callback_group=LoopGroup(), raw=True
+        )
+        self._handle = self._subscription.handle
+        self.gaps = Gaps(lambda: node.count_publishers(topic))
+        self.count = 0
+        self._log_time_ns = 0
+
+    @property
+    def type_name(self) -> str:
+        """Name as in `cabols_msgs/msg/LimbState`."""
+        package, *_ = self._type.__module__.split(".")
+        return f"{package}/msg/{self._type.__name__}"
+
+    def take(self, into: deque[Item]) -> bytes:
+        """Take all that waits, in order; returns the newest, empty if there was none."""
+        handle, msg_type, add = self._handle, self._type, self.gaps.add
+        newest = b""
+        while (taken := handle.take_message(msg_type, True)) is not None:
+            newest, info = taken
+            number = info["publication_sequence_number"]
+            add(number)
+            received = info["received_timestamp"] or time.time_ns()
+            # A clock that is set back must not turn the order of a topic around.
+            self._log_time_ns = max(received, self._log_time_ns)
+            self.count += 1
+            into.append((self._log_time_ns, self.topic, info["source_timestamp"], newest, number))
+        return newest
+
+    def close(self, node: ControlNode) -> None:
+        """Unsubscribe: what nobody records costs nothing."""
+        node.destroy_subscription(self._subscription)
+
+
+class Recording:
+    """Takes messages in one thread, writes and flushes them in another, until it is closed.
+
+    Attributes:
+        failure: what ended a thread, or kept the bag from being completed; None if nothing did.
+    """
+
+    def __init__(
+        self,
+        node: ControlNode,
+        folder: Path,
+        wanted: list[str],
+        texts: dict[str, str],
+        period_s: float,
+        on_end: Callable[[bool], None],
+    ) -> None:
+        """Create the bag and subscribe; start() begins.
+
+        Args:
+            node: owner of subscriptions and status.
+            folder: of the bag; new or empty.
+            wanted: topics, relative to the namespace.
+            texts: for the bag's metadata.
+            period_s: between two flushes [s].
+            on_end: called by each thread at its end, with whether it failed.
+
+        Raises:
+            BagError: if the bag cannot be created, or is there already.
+        """
+        self._node = node
+        self._period = period_s
+        self._on_end = on_end
+        self._writer = BagWriter(folder, texts)
+        self._taps = [Tap(node, name) for name in wanted]
+        for tap in self._taps:
+            qos = OfferedQos(
+                tap.offered.depth,
+                tap.offered.reliability.name.lower(),
+                tap.offered.durability.name.lower(),
+            )
+            self._writer.add_topic(tap.topic, tap.type_name, qos)
+        self._taken: deque[Item] = deque()
+        self._newest_raw = b""
+        self.failure: BaseException | None = None
+        self._stop = threading.Event()
+        self._wait_set = make_wait_set(node, len(self._taps))
+        self._threads = [
+            threading.Thread(target=self._guarded, args=(run,), name=run.__name__, daemon=True)
+            for run in (self._take_all, self._write_all)
+        ]
+
+    @property
+    def folder(self) -> Path:
+        """Of the bag."""
+        return self._writer.folder
+
+    def start(self) -> None:
+        """Begin."""
+        for thread in self._threads:
+            thread.start()
+        self._node.get_logger().info(f"recording {len(self._taps)} topics into {self.folder}")
+
+    def close(self) -> None:
+        """Take what has arrived, complete the bag and say what is in it."""
+        give_up = time.monotonic() + END_S
+        self._stop.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(timeout=max(0.0, give_up - time.monotonic()))
+        if self.failure is None and any(thread.is_alive() for thread in self._threads):
+            self.failure = BagError(
+                f"{self.folder}: expected the disk to take the last messages within "
+                f"{END_S:g} s, got no answer; run `ros2 run cabols_control recover` on it"
+            )
+        if self.failure is not None:
+            self._writer.abandon()
+            return
+        try:
+            self._take()
+            self._write()
+            self._writer.close()
+        except BagError as error:
+            self.failure = error
+            self._writer.abandon()
+            return
+        print(self.summary(), flush=True)
+
+    def forget(self) -> None:
+        """Unsubscribe, after close()."""
+        for tap in self._taps:
+            tap.close(self._node)
+
+    def summary(self) -> str:
+        """Say what is in the bag, topic by topic."""
+        total = sum(tap.count for tap in self._taps)
+        lost = sum(tap.gaps.lost for tap in self._taps)
+        lines = [f"{self.folder}: {total} messages, {lost} lost"]
+        lines += [f"  {tap.count:9d}  {tap.topic}  (lost {tap.gaps.lost})" for tap in self._taps]
+        return "\n".join(lines)
+
+    def _guarded(self, run: Any) -> None:
+        try:
+            run()
+        except BaseException as error:
+            # Once the context has ended, rcl refuses what was under way: no failure of its own.
+            if self._node.context.ok() or not isinstance(error, rclpy_implementation.RCLError):
+                self.failure = self.failure or error
+            self._stop.set()
+        finally:
+            self._on_end(self.failure is not None)
+
+    def _take_all(self) -> None:
+        self._node.prepare_thread()
+        report_at = time.monotonic() + STATUS_S
+        while not self._stop.is_set() and self._node.context.ok():
+            if wait_for(self._wait_set, self._taps, IDLE_NS):
+                self._stop.wait(GATHER_S)
+                self._take()
+            if not self._node.lockstep and time.monotonic() >= report_at:
+                report_at += STATUS_S
+                self._report()
+
+    def _take(self) -> None:
+        for tap in self._taps:
+            self._newest_raw = tap.take(self._taken) or self._newest_raw
+
+    def _write_all(self) -> None:
+        due = time.monotonic() + self._period
+        while not self._stop.wait(max(0.0, due - time.monotonic())):
+            due = max(due + self._period, time.monotonic())
+            self._write()
+            self._writer.flush()
+            collect_young()
+
+    def _write(self) -> None:
+        started = time.monotonic()
+        batch = [self._taken.popleft() for _ in range(len(self._taken))]
+        batch.sort(key=itemgetter(0))
+        for log_time_ns, topic, publish_time_ns, data, number in batch:
+            self._writer.write(topic, log_time_ns, publish_time_ns, data, number)
+        self._node.status.work.add(time.monotonic() - started)
+
+    def _report(self) -> None:
+        status = self._node.status
+        status.cycles = sum(tap.count for tap in self._taps)
+        status.lost = sum(tap.gaps.lost for tap in self._taps)
+        stamp_ns = first_stamp(self._newest_raw) if self._newest_raw else 0
+        status.publish(stamp_ns, RUNNING if self._newest_raw else WAITING, "")
+
+
+def _offered_qos(topic: str, lockstep: bool) -> QoSProfile:
+    """Return the quality with which the topic's publishers offer it."""
+    if topic in topics.CONTROL_TOPICS:
+        return control_qos(lockstep)
+    return latched_qos(lockstep) if topic in topics.LATCHED_TOPICS else status_qos()
+
+
+def _unused(_: bytes) -> None:
+    """Stand in for the callback that rclpy demands."""

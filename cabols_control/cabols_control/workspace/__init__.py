@@ -1,0 +1,1 @@
+"""Workspace of a cable robot: where it can give the required wrenches without touching itself."""

@@ -1,0 +1,201 @@
+"""Grids of positions and orientations, and what was found on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import BoolArray, FloatArray, finite_array
+from cabols_control.errors import CabolsError, ShapeError
+
+from .bodies import InterferenceTask
+from .capacity import Capacity, CapacityTask, as_capacity, capacity_loop, capacity_work
+from .hyperplanes import RESULTS
+from .interference import Clearance, clearance_loop, clearance_work
+
+CHUNK_POSES = 20_000
+"""Poses of one piece of work: a tenth of a second, so that cores end together."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGrid:
+    """Every position of a box-shaped grid, each with every orientation.
+
+    Attributes:
+        x: (nx,) rising, base frame [m].
+        y: (ny,) rising [m].
+        z: (nz,) rising [m].
+        angles_deg: (o, 3) intrinsic x-y-z Euler angles of the orientations [deg].
+        rotation: (3, 3) from platform to base axes at angles zero.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    angles_deg: FloatArray
+    rotation: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check shapes and order."""
+        for name in ("x", "y", "z"):
+            axis = finite_array(name, getattr(self, name), (None,))
+            if not (axis.size >= 1 and (np.diff(axis) > 0.0).all()):
+                raise CabolsError(f"{name}: expected rising positions, got {axis}")
+            object.__setattr__(self, name, axis)
+        angles = finite_array("angles_deg", self.angles_deg, (None, 3))
+        if angles.shape[0] < 1:
+            raise ShapeError("angles_deg: expected at least one orientation, got none")
+        object.__setattr__(self, "angles_deg", angles)
+        object.__setattr__(self, "rotation", finite_array("rotation", self.rotation, (3, 3)))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of positions along each axis."""
+        return self.x.size, self.y.size, self.z.size
+
+    @property
+    def poses(self) -> int:
+        """Number of poses."""
+        return self.x.size * self.y.size * self.z.size * int(self.angles_deg.shape[0])
+
+    @property
+    def positions(self) -> FloatArray:
+        """(k, 3) all positions, z fastest [m]."""
+        mesh = np.meshgrid(self.x, self.y, self.z, indexing="ij")
+        return np.ascontiguousarray(np.stack(mesh, axis=-1).reshape(-1, 3))
+
+    @property
+    def rotations(self) -> FloatArray:
+        """(o, 3, 3) from platform to base axes."""
+        turns = Rotation.from_euler("XYZ", self.angles_deg, degrees=True).as_matrix()
+        return np.ascontiguousarray(self.rotation @ turns)
+
+    @property
+    def cell_volume(self) -> float:
+        """Volume that one position stands for [m^3]; an axis of one position counts as 1 m."""
+        steps = [float(np.diff(axis).mean()) if axis.size > 1 else 1.0 for axis in self._axes]
+        return float(np.prod(steps))
+
+    @property
+    def _axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return self.x, self.y, self.z
+
+
+def box_grid(
+    centre: ArrayLike,
+    half_widths: ArrayLike,
+    counts: tuple[int, int, int],
+    angles_deg: ArrayLike = ((0.0, 0.0, 0.0),),
+    rotation: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+) -> PoseGrid:
+    """Return a grid of `counts` positions over centre +- half_widths, both (3,) [m].
+
+    Raises:
+        ShapeError: if an argument has another shape or is not finite.
+        CabolsError: if a count is below 1 or a half width is not positive.
+    """
+    middle = finite_array("centre", centre, (3,))
+    half = finite_array("half_widths", half_widths, (3,))
+    if not ((half > 0.0).all() and min(counts) >= 1):
+        raise CabolsError(f"half_widths, counts: expected positive numbers, got {half}, {counts}")
+    x, y, z = (
+        np.linspace(m - h, m + h, count) if count > 1 else np.array([m])
+        for m, h, count in zip(middle, half, counts, strict=True)
+    )
+    return PoseGrid(x, y, z, np.asarray(angles_deg), np.asarray(rotation))
+
+
+def tilts(angle_deg: float) -> FloatArray:
+    """(7, 3) Euler angles [deg]: none, then +- one angle about each axis."""
+    turns = angle_deg * np.eye(3)
+    return np.concatenate([np.zeros((1, 3)), turns, -turns])
+
+
+class Piece(NamedTuple):
+    """Results of some positions: (k, o, RESULTS) capacity, (k, o, 3) clearances [m]."""
+
+    capacity: FloatArray
+    clearance: FloatArray
+
+
+def evaluate_piece(
+    task: CapacityTask,
+    bodies: InterferenceTask | None,
+    positions: FloatArray,
+    rotations: FloatArray,
+) -> Piece:
+    """Evaluate (k, 3) positions, each with all (o, 3, 3) rotations; one core."""
+    shape = (positions.shape[0], rotations.shape[0])
+    capacity, clearance = np.empty((*shape, RESULTS)), np.full((*shape, 3), np.inf)
+    capacity_loop(task, positions, rotations, *capacity_work(task), capacity)
+    if bodies is not None:
+        clearance_loop(bodies, positions, rotations, clearance_work(bodies), clearance)
+    return Piece(capacity, clearance)
+
+
+def pieces_of(grid: PoseGrid) -> list[slice]:
+    """Cut the positions of a grid into pieces of about CHUNK_POSES poses."""
+    total = int(np.prod(grid.shape))
+    each = max(CHUNK_POSES // grid.angles_deg.shape[0], 1)
+    return [slice(first, min(first + each, total)) for first in range(0, total, each)]
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceMap:
+    """What was found on a grid; arrays are (nx, ny, nz, o).
+
+    Attributes:
+        grid: where.
+        capacity: margin, factor, closure.
+        clearance: between cables, to the platform, to the target [m]; inf where not asked for.
+        free_above: clearance that counts as free of interference [m].
+    """
+
+    grid: PoseGrid
+    capacity: Capacity
+    clearance: Clearance
+    free_above: float
+
+    @property
+    def feasible(self) -> BoolArray:
+        """Wrench-feasible poses."""
+        return self.capacity.feasible
+
+    @property
+    def free(self) -> BoolArray:
+        """Poses free of interference."""
+        return self.clearance.least >= self.free_above
+
+    @property
+    def usable(self) -> BoolArray:
+        """Poses that are both."""
+        return np.asarray(self.feasible & self.free)
+
+    def volume(self, poses: BoolArray) -> float:
+        """Volume of the positions where every orientation belongs to `poses` [m^3]."""
+        return float(poses.all(axis=-1).sum()) * self.grid.cell_volume
+
+    def level(self) -> FloatArray:
+        """(nx, ny, nz) least margin over the orientations, for surfaces at zero [N].
+
+        Where cables interfere it is at most the missing clearance, in mm.
+        """
+        missing = 1e3 * (self.clearance.least - self.free_above)
+        margin = np.where(
+            missing < 0.0, np.minimum(self.capacity.margin, missing), self.capacity.margin
+        )
+        return np.asarray(margin.min(axis=-1))
+
+
+def assemble(grid: PoseGrid, pieces: list[Piece], free_above: float = 0.0) -> WorkspaceMap:
+    """Put the pieces of a grid, in order, together."""
+    shape = (*grid.shape, grid.angles_deg.shape[0])
+    capacity = np.concatenate([piece.capacity for piece in pieces]).reshape(*shape, RESULTS)
+    clearance = np.concatenate([piece.clearance for piece in pieces]).reshape(*shape, 3)
+    return WorkspaceMap(
+        grid, as_capacity(capacity), Clearance(*np.moveaxis(clearance, -1, 0)), free_above
+    )

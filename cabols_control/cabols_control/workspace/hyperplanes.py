@@ -1,0 +1,374 @@
+"""What the cables can give, as hyperplanes: exact tests of a pose, compiled.
+
+The wrenches A t, tension_min <= t <= tension_max, form a zonotope. For a rank-m matrix each of
+its facets is spanned by m - 1 independent columns, so its normals c are found by going through
+the sets of m - 1 columns: the hyperplane-shifting method (Bouchard, Gosselin and Moore 2010;
+Gouttefarde and Krut 2010). With y = A^T c the zonotope reaches sum_i max(y_i low_i, y_i high_i)
+along c; a convex set lies inside if and only if it reaches no farther along any c and -c.
+A normal that rounding has turned is still a valid direction of that test, so it never makes a
+feasible pose infeasible by more than its rounding.
+
+For six to eight cables in space no set of columns is solved for: y lies in the row space of A,
+so it is orthogonal to the null space, and it is zero on the m - 1 spanning columns. For eight
+cables that leaves y on three cables only, as the cross product of their null-space coordinates,
+and c = pinv(A)^T y: a few dozen multiplications for each of the 56 pairs of facets.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+from cabols_control.tension import pack_pose
+from cabols_control.tension.layout import (
+    CABLES,
+    SCALE,
+    TOLERANCE,
+    at_basis,
+    at_inverse,
+    at_limits,
+)
+from cabols_control.tension.sizes import compiled
+
+DEPENDENT = 1e-9
+"""Columns that leave less than this of a unit direction count as dependent: no facet is lost."""
+WELL_CONDITIONED = 1e-9
+"""Tolerance of a pose over its largest limit, 4 eps cond: above, the normals are solved for."""
+MARGIN, FACTOR, CLOSURE, LOWEST = 0, 1, 2, 3
+"""Places in a result: see `capacity_at`. LOWEST is the smallest factor, for sets without zero."""
+RESULTS = 4
+
+
+@compiled
+def start_result(out: FloatArray) -> None:
+    """Nothing is known yet: everything fits."""
+    out[MARGIN], out[FACTOR], out[CLOSURE], out[LOWEST] = math.inf, math.inf, math.inf, 0.0
+
+
+@compiled
+def _shrink(reach: float, need: float, out: FloatArray) -> None:
+    """Narrow the range of factors s with s need <= reach."""
+    if need > 0.0:
+        out[FACTOR] = min(out[FACTOR], reach / need)
+    elif need < 0.0:
+        out[LOWEST] = max(out[LOWEST], reach / need)
+    elif reach < 0.0:
+        out[FACTOR] = -math.inf
+
+
+@compiled
+def _take(
+    length: float,
+    up: float,
+    down: float,
+    need_up: float,
+    need_down: float,
+    ahead: float,
+    behind: float,
+    out: FloatArray,
+) -> None:
+    """Take one pair of opposite facets into the result.
+
+    Args:
+        length: of the normal.
+        up: how far the zonotope reaches along the normal, times length [N].
+        down: the same against it.
+        need_up: how far the required set reaches along it, times length [N].
+        need_down: against it.
+        ahead: sum of the positive y, what unit tensions can give along the normal.
+        behind: the same against it.
+        out: result, updated.
+    """
+    scale = 1.0 / length
+    out[MARGIN] = min(out[MARGIN], min(up - need_up, down - need_down) * scale)
+    out[CLOSURE] = min(out[CLOSURE], min(ahead, behind) * scale)
+    _shrink(up, need_up, out)
+    _shrink(down, need_down, out)
+
+
+@compiled
+def finish_result(out: FloatArray) -> None:
+    """Largest factor for which the set still fits, 0 if none does."""
+    if not out[FACTOR] >= out[LOWEST]:
+        out[FACTOR] = 0.0
+
+
+@compiled
+def project_set(
+    pack: FloatArray, n: int, points: FloatArray, generators: FloatArray, products: FloatArray
+) -> None:
+    """Fill products (n, q + p + n): rows of pinv(A) times the scaled set's vectors, and Gram.
+
+    The last n columns are pinv(A) pinv(A)^T: they give the length of a normal from its y.
+    """
+    inverse, q, p = at_inverse(n), points.shape[0], generators.shape[0]
+    products[:, :] = 0.0
+    for k in range(6):
+        row = inverse + k * n
+        for j in range(n):
+            value = pack[row + j]
+            for v in range(q):
+                products[j, v] += value * points[v, k]
+            for v in range(p):
+                products[j, q + v] += value * generators[v, k]
+            for i in range(n):
+                products[j, q + p + i] += value * pack[row + i]
+
+
+@compiled
+def _facet(
+    pack: FloatArray,
+    n: int,
+    chosen: tuple[int, int, int],
+    y: tuple[float, float, float],
+    points: int,
+    products: FloatArray,
+    out: FloatArray,
+) -> None:
+    """One pair of facets of a rank-6 pose, y given on the three cables where it is not zero."""
+    i, j, k = chosen
+    yi, yj, yk = y
+    if not yi * yi + yj * yj + yk * yk > DEPENDENT * DEPENDENT:
+        return
+    last = products.shape[1] - n
+    square = yi * (yi * products[i, last + i] + 2.0 * yj * products[i, last + j])
+    square += yj * (yj * products[j, last + j] + 2.0 * yk * products[j, last + k])
+    square += yk * (yk * products[k, last + k] + 2.0 * yi * products[k, last + i])
+    up = down = ahead = behind = 0.0
+    low, high = at_limits(n), at_limits(n) + n
+    for c_index in range(3):
+        cable = chosen[c_index]
+        value = y[c_index]
+        at_low, at_high = value * pack[low + cable], value * pack[high + cable]
+        up += max(at_low, at_high)
+        down -= min(at_low, at_high)
+        ahead += max(value, 0.0)
+        behind -= min(value, 0.0)
+    need_up, need_down, spread = -math.inf, -math.inf, 0.0
+    for v in range(points):
+        value = yi * products[i, v] + yj * products[j, v] + yk * products[k, v]
+        need_up, need_down = max(need_up, value), max(need_down, -value)
+    for v in range(points, last):
+        spread += abs(yi * products[i, v] + yj * products[j, v] + yk * products[k, v])
+    _take(math.sqrt(square), up, down, need_up + spread, need_down + spread, ahead, behind, out)
+
+
+@compiled
+def capacity_of_pack(
+    pack: FloatArray,
+    points: FloatArray,
+    generators: FloatArray,
+    products: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Result for a pose that `pack_pose` made ready, six to eight cables.
+
+    Args:
+        pack: work array of the pose.
+        points: (q, 6) of the required set, times the pack's weights.
+        generators: (p, 6) of it, times the weights.
+        products: (n, q + p + n) scratch.
+        out: (RESULTS,) filled; see `capacity_at`.
+    """
+    n, q = int(pack[CABLES]), points.shape[0]
+    project_set(pack, n, points, generators, products)
+    start_result(out)
+    nx = at_basis(n) + 6 * n
+    ny = nx + n
+    if n == 6:
+        for i in range(n):
+            _facet(pack, n, (i, i, i), (1.0, 0.0, 0.0), q, products, out)
+    elif n == 7:
+        for i in range(n):
+            for j in range(i):
+                y = (-pack[nx + j], pack[nx + i], 0.0)
+                _facet(pack, n, (i, j, j), y, q, products, out)
+    else:
+        for i in range(n):
+            ax, ay = pack[nx + i], pack[ny + i]
+            for j in range(i):
+                bx, by = pack[nx + j], pack[ny + j]
+                cross = ax * by - ay * bx
+                for k in range(j):
+                    cx, cy = pack[nx + k], pack[ny + k]
+                    y = (bx * cy - by * cx, cx * ay - cy * ax, cross)
+                    _facet(pack, n, (i, j, k), y, q, products, out)
+    finish_result(out)
+
+
+@compiled
+def _orthogonalise(rows: FloatArray, count: int, vector: FloatArray) -> float:
+    """Take `count` orthonormal rows out of a vector, twice; its length after that."""
+    m = vector.shape[0]
+    for _ in range(2):
+        for k in range(count):
+            dot = 0.0
+            for i in range(m):
+                dot += rows[k, i] * vector[i]
+            for i in range(m):
+                vector[i] -= dot * rows[k, i]
+    total = 0.0
+    for i in range(m):
+        total += vector[i] * vector[i]
+    return math.sqrt(total)
+
+
+@compiled
+def _complement(rows: FloatArray, count: int, normal: FloatArray) -> None:
+    """Write a unit vector orthogonal to `count` < m orthonormal rows into normal."""
+    m = normal.shape[0]
+    best, pick = -1.0, 0
+    for i in range(m):
+        left = 1.0
+        for k in range(count):
+            left -= rows[k, i] * rows[k, i]
+        if left > best:
+            best, pick = left, i
+    normal[:] = 0.0
+    normal[pick] = 1.0
+    length = _orthogonalise(rows, count, normal)
+    for i in range(m):
+        normal[i] /= length
+
+
+@compiled
+def _span(matrix: FloatArray, chosen: FloatArray, size: int, rows: FloatArray) -> int:
+    """Orthonormal rows that span the chosen columns; how many are independent."""
+    m, rank = matrix.shape[0], 0
+    for s in range(size):
+        column = int(chosen[s])
+        before = 0.0
+        for i in range(m):
+            rows[rank, i] = matrix[i, column]
+            before += matrix[i, column] * matrix[i, column]
+        after = _orthogonalise(rows, rank, rows[rank])
+        if not after > DEPENDENT * math.sqrt(before):
+            continue
+        for i in range(m):
+            rows[rank, i] /= after
+        rank += 1
+        if rank == m:
+            break
+    return rank
+
+
+@compiled
+def facet_normals(matrix: FloatArray, normals: FloatArray) -> int:
+    """Unit normals of the zonotope's pairs of facets, for any matrix (m, n), n >= m - 1.
+
+    Args:
+        matrix: (m, n) structure matrix.
+        normals: (at least C(n, m - 1), m) filled from the top.
+
+    Returns:
+        How many; 0 if the matrix has not rank m: the zonotope is flat.
+    """
+    m, n = matrix.shape
+    rows, chosen = np.empty((m + 1, m)), np.empty(n)
+    for i in range(n):
+        chosen[i] = i
+    if n < m or _span(matrix, chosen, n, rows) < m:
+        return 0
+    size, count = m - 1, 0
+    while True:
+        if _span(matrix, chosen, size, rows) == size:
+            _complement(rows, size, normals[count])
+            count += 1
+        place = size - 1
+        while place >= 0 and int(chosen[place]) == n - size + place:
+            place -= 1
+        if place < 0:
+            return count
+        chosen[place] += 1
+        for s in range(place + 1, size):
+            chosen[s] = chosen[s - 1] + 1
+
+
+@compiled
+def capacity_of_matrix(
+    matrix: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    points: FloatArray,
+    generators: FloatArray,
+    normals: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Result for any structure matrix (m, n): every normal is solved for.
+
+    A matrix without rank m carries no set in all directions: margin -inf, the rest zero.
+    Arguments as `capacity_of_pack`; normals is scratch for `facet_normals`, limits are (n,) [N].
+    """
+    m, n = matrix.shape
+    start_result(out)
+    count = facet_normals(matrix, normals)
+    for h in range(count):
+        up = down = ahead = behind = 0.0
+        for i in range(n):
+            y = 0.0
+            for k in range(m):
+                y += normals[h, k] * matrix[k, i]
+            up += max(y * low[i], y * high[i])
+            down -= min(y * low[i], y * high[i])
+            ahead += max(y, 0.0)
+            behind -= min(y, 0.0)
+        need_up, need_down, spread = -math.inf, -math.inf, 0.0
+        for v in range(points.shape[0]):
+            value = 0.0
+            for k in range(m):
+                value += normals[h, k] * points[v, k]
+            need_up, need_down = max(need_up, value), max(need_down, -value)
+        for v in range(generators.shape[0]):
+            value = 0.0
+            for k in range(m):
+                value += normals[h, k] * generators[v, k]
+            spread += abs(value)
+        _take(1.0, up, down, need_up + spread, need_down + spread, ahead, behind, out)
+    finish_result(out)
+    if count == 0:
+        out[MARGIN], out[FACTOR], out[CLOSURE] = -math.inf, 0.0, 0.0
+
+
+@compiled
+def capacity_at(
+    matrix: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    weights: FloatArray,
+    points: FloatArray,
+    generators: FloatArray,
+    pack: FloatArray,
+    products: FloatArray,
+    normals: FloatArray,
+    scaled: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Result for one pose of a rig in space: the fast way where it applies, else the general.
+
+    Args:
+        matrix: (6, n) structure matrix.
+        low: (n,) least tensions [N].
+        high: (n,) largest tensions [N].
+        weights: (6,) of the wrench components.
+        points: (q, 6) of the required set, times the weights.
+        generators: (p, 6) of it, times the weights.
+        pack: (pack_size(n),) scratch.
+        products: (n, q + p + n) scratch.
+        normals: (C(n, 5), 6) scratch.
+        scaled: (6, n) scratch.
+        out: (RESULTS,) filled: MARGIN, least distance from the required set to a facet of the
+            available one, weighted, negative outside [N]; FACTOR, largest multiple of the
+            required set that fits; CLOSURE, radius of the ball of weighted wrenches that
+            tensions of 0 to 1 can give; then scratch.
+    """
+    n = matrix.shape[1]
+    ready = pack_pose(matrix, low, high, weights, pack) == 0
+    if ready and n <= 8 and pack[TOLERANCE] <= WELL_CONDITIONED * pack[SCALE]:
+        capacity_of_pack(pack, points, generators, products, out)
+        return
+    for k in range(6):
+        for i in range(n):
+            scaled[k, i] = weights[k] * matrix[k, i]
+    capacity_of_matrix(scaled, low, high, points, generators, normals, out)

@@ -1,0 +1,1 @@
+"""Command line of the workspace: workers, files, figures. The maths is in `workspace`."""

@@ -1,0 +1,274 @@
+"""Command `workspace`: maps, meshes and figures of a rig's workspace, no ROS needed.
+
+workspace map            the workspace on a grid of positions and orientations
+workspace trajectory     margins along the poses of a CSV file
+workspace design         attachment points for the largest workspace
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+from cabols_control.errors import CabolsError
+from cabols_control.geometry import RigGeometry
+from cabols_control.rig import load_rig
+from cabols_control.workspace.bodies import Bodies, interference_task, load_bodies
+from cabols_control.workspace.capacity import capacity_along, capacity_task
+from cabols_control.workspace.grid import PoseGrid, WorkspaceMap, box_grid, tilts
+from cabols_control.workspace.interference import clearance_along, free_turn
+from cabols_control.workspace.surface import Mesh, level_surface
+from cabols_control.workspace.wrench_set import WrenchSet, wrench_box, wrench_polytope
+
+from . import figures, files
+from .design_command import add_design, run_design
+from .workers import LOCAL, workers
+
+TURN_POINTS = 13
+
+
+def rig_options(parser: argparse.ArgumentParser) -> None:
+    """Options that every subcommand takes."""
+    parser.add_argument("--geometry", type=Path, help="YAML; default: the reference bench")
+    parser.add_argument("--control", type=Path, help="YAML with the tension limits")
+    parser.add_argument("--bodies", type=Path, help="YAML of platform and target; default: bench")
+    parser.add_argument("--no-bodies", action="store_true", help="leave interference out")
+    parser.add_argument(
+        "--box",
+        type=float,
+        nargs=6,
+        default=[50.0, 50.0, 50.0, 5.0, 5.0, 5.0],
+        metavar=("FX", "FY", "FZ", "MX", "MY", "MZ"),
+        help="required wrenches: half widths of a box [N, N m] (default: 50 N, 5 N m)",
+    )
+    parser.add_argument("--wrenches", type=Path, help="CSV, six columns: their convex hull instead")
+    parser.add_argument(
+        "--platform-axes", action="store_true", help="required wrenches turn with the platform"
+    )
+    parser.add_argument("--output", type=Path, default=Path("build/workspace"), help="folder")
+
+
+def worker_options(parser: argparse.ArgumentParser) -> None:
+    """Options about who does the work."""
+    parser.add_argument(
+        "--scheduler",
+        default=LOCAL,
+        help='"local" processes (default), "inline", or a Dask scheduler: tcp://HOST:8786',
+    )
+    parser.add_argument("--workers", type=int, help="local processes (default: one per core)")
+
+
+def required_wrenches(options: argparse.Namespace) -> WrenchSet:
+    """Return the set that the options describe.
+
+    Raises:
+        CabolsError: if the file does not hold six finite columns.
+    """
+    if options.wrenches is None:
+        return wrench_box(options.box)
+    try:
+        table = np.loadtxt(options.wrenches, delimiter=",", ndmin=2, comments="#")
+    except (OSError, ValueError) as error:
+        raise CabolsError(f"{options.wrenches}: expected rows of six numbers: {error}") from error
+    return wrench_polytope(table)
+
+
+def _bodies(options: argparse.Namespace) -> Bodies | None:
+    return None if options.no_bodies else load_bodies(options.bodies)
+
+
+def _progress(start_s: float) -> Callable[[int, int], None]:
+    def show(done: int, total: int) -> None:
+        print(f"\r{done} of {total} pieces, {time.monotonic() - start_s:.1f} s", end="", flush=True)
+        if done == total:
+            print()
+
+    return show
+
+
+def _grid(options: argparse.Namespace, geometry: RigGeometry) -> PoseGrid:
+    angles = tilts(options.tilt) if options.tilt > 0.0 else np.zeros((1, 3))
+    return box_grid(
+        geometry.reference_position,
+        options.half_widths,
+        tuple(options.counts),
+        angles,
+        geometry.reference_rotation,
+    )
+
+
+def _solids(found: WorkspaceMap) -> list[tuple[str, Mesh]]:
+    """Meshes of what is closed, feasible, and usable as well, at all orientations."""
+    grid = found.grid
+    closed = np.where(found.capacity.closed.all(axis=-1), 1.0, -1.0)
+    levels = [
+        ("wrench-closed", closed),
+        ("wrench-feasible", found.capacity.margin.min(axis=-1)),
+        ("feasible and free", found.level()),
+    ]
+    return [(name, level_surface(grid.x, grid.y, grid.z, level)) for name, level in levels]
+
+
+def map_figures(found: WorkspaceMap, seconds: float, by: str) -> dict[str, Any]:
+    """Numbers of a map, units in the keys."""
+    return {
+        "poses": found.grid.poses,
+        "orientations": len(found.grid.angles_deg),
+        "evaluated_by": by,
+        "seconds_s": seconds,
+        "poses_feasible": int(found.feasible.sum()),
+        "poses_usable": int(found.usable.sum()),
+        "closed_volume_m3": found.volume(found.capacity.closed),
+        "feasible_volume_m3": found.volume(found.feasible),
+        "free_volume_m3": found.volume(found.free),
+        "usable_volume_m3": found.volume(found.usable),
+    }
+
+
+def run_map(options: argparse.Namespace) -> None:
+    """Map the workspace and leave table, meshes, figures."""
+    rig = load_rig(geometry=options.geometry, control=options.control)
+    geometry, bodies = rig.geometry, _bodies(options)
+    required = required_wrenches(options)
+    limits = (rig.control.tension_min, rig.control.tension_max)
+    task = capacity_task(geometry, *limits, required, options.platform_axes)
+    touching = None if bodies is None else interference_task(geometry, bodies)
+    free_above = 0.0 if bodies is None else bodies.clearance
+    grid = _grid(options, geometry)
+    print(f"{grid.poses} poses: {grid.shape} positions, {len(grid.angles_deg)} orientations")
+    with workers(options.scheduler, options.workers) as pool:
+        start = time.monotonic()
+        found = pool.evaluate(grid, task, touching, free_above, _progress(start))
+        seconds = time.monotonic() - start
+        by = pool.description
+    options.output.mkdir(parents=True, exist_ok=True)
+    summary = map_figures(found, seconds, by)
+    for name, value in summary.items():
+        print(f"  {name:22} {value:.4g}" if isinstance(value, float) else f"  {name:22} {value}")
+    files.write_json(summary, options.output / "workspace.json")
+    files.write_map(found, options.output / "workspace.csv")
+    if min(grid.shape) > 1:
+        solids = _solids(found)
+        title = f"Workspace at {len(grid.angles_deg)} orientations"
+        for name, mesh in solids:
+            stem = options.output / name.replace(" ", "_")
+            files.write_stl(mesh, stem.with_suffix(".stl"))
+            files.write_ply(mesh, stem.with_suffix(".ply"))
+        rigs = [geometry] * len(solids)
+        figures.draw_solids(rigs, solids, options.output / "workspace.png", title)
+        figures.draw_slices(found, options.output / "slices.png", "Least over the orientations")
+    if bodies is not None:
+        _map_turns(geometry, bodies, options)
+    print(f"table, meshes and figures are in {options.output}")
+
+
+def _map_turns(geometry: RigGeometry, bodies: Bodies, options: argparse.Namespace) -> None:
+    """Certified turn about z over the middle plane."""
+    centre, half = geometry.reference_position, options.half_widths
+    x = np.linspace(centre[0] - half[0], centre[0] + half[0], TURN_POINTS)
+    y = np.linspace(centre[1] - half[1], centre[1] + half[1], TURN_POINTS)
+    turns = np.array([[_turn(geometry, bodies, (a, b, centre[2])) for b in y] for a in x])
+    figures.draw_turns(x, y, turns[..., 0], turns[..., 1], options.output / "turns.png")
+    least, largest = np.rad2deg(_turn(geometry, bodies, tuple(centre)))
+    print(f"  at the reference position cables stay free from {least:.1f} to {largest:.1f} deg")
+
+
+def _turn(
+    geometry: RigGeometry, bodies: Bodies, position: tuple[float, ...]
+) -> tuple[float, float]:
+    axis = (0.0, 0.0, 1.0)
+    return free_turn(geometry, bodies, position, geometry.reference_rotation, axis)
+
+
+def run_trajectory(options: argparse.Namespace) -> None:
+    """Margins along a trajectory: table and figure."""
+    rig = load_rig(geometry=options.geometry, control=options.control)
+    bodies = _bodies(options)
+    positions, rotations = files.read_poses(options.poses)
+    limits = (rig.control.tension_min, rig.control.tension_max)
+    capacity = capacity_along(
+        rig.geometry,
+        positions,
+        rotations,
+        *limits,
+        required_wrenches(options),
+        options.platform_axes,
+    )
+    clearance = clearance_along(
+        rig.geometry, bodies or Bodies(0.0, 0.0, 0.05, 0.05), positions, rotations
+    )
+    free_above = bodies.clearance if bodies else 0.0
+    options.output.mkdir(parents=True, exist_ok=True)
+    columns = files.MAP_COLUMNS[len(files.POSE_COLUMNS) : -1]
+    rows: FloatArray = np.column_stack([*capacity, *clearance])
+    files.write_rows(columns, rows, options.output / "trajectory.csv")
+    figures.draw_trajectory(capacity, clearance, free_above, options.output / "trajectory.png")
+    worst = int(capacity.margin.argmin())
+    print(f"{len(positions)} poses, {int(capacity.feasible.sum())} feasible")
+    print(f"  least margin    {capacity.margin[worst]:.2f} N at pose {worst}")
+    print(f"  least factor    {capacity.factor.min():.3f}")
+    print(f"  least clearance {1e3 * clearance.least.min():.1f} mm, {1e3 * free_above:g} required")
+    print(f"table and figure are in {options.output}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="workspace",
+        description="Where a cable rig can give the required wrenches without touching itself.",
+        epilog="Exit code: 0 done, 1 an input cannot be used, 2 wrong arguments.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    mapping = commands.add_parser("map", help="the workspace on a grid")
+    rig_options(mapping)
+    worker_options(mapping)
+    mapping.add_argument(
+        "--half-widths",
+        type=float,
+        nargs=3,
+        default=[0.6, 0.5, 0.5],
+        metavar=("X", "Y", "Z"),
+        help="of the grid round the reference position [m]",
+    )
+    mapping.add_argument(
+        "--counts",
+        type=int,
+        nargs=3,
+        default=[25, 25, 25],
+        metavar=("NX", "NY", "NZ"),
+        help="positions along each axis",
+    )
+    mapping.add_argument(
+        "--tilt",
+        type=float,
+        default=15.0,
+        help="+- about each axis, the orientations that must all do [deg]; 0: one orientation",
+    )
+    mapping.set_defaults(run=run_map)
+    trajectory = commands.add_parser("trajectory", help="margins along poses of a CSV file")
+    rig_options(trajectory)
+    trajectory.add_argument("poses", type=Path, help=f"CSV: {', '.join(files.POSE_COLUMNS)}")
+    trajectory.set_defaults(run=run_trajectory)
+    design = commands.add_parser("design", help="attachment points for the largest workspace")
+    rig_options(design)
+    worker_options(design)
+    add_design(design)
+    design.set_defaults(run=lambda options: run_design(options, required_wrenches(options)))
+    options = parser.parse_args(arguments)
+    try:
+        options.run(options)
+    except CabolsError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

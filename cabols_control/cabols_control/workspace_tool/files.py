@@ -1,0 +1,135 @@
+"""Files of a workspace: meshes, tables, trajectories, geometry."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import FloatArray
+from cabols_control.errors import ConfigError
+from cabols_control.geometry import RigGeometry
+from cabols_control.workspace.grid import WorkspaceMap
+from cabols_control.workspace.surface import Mesh
+
+POSE_COLUMNS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
+MAP_COLUMNS = (
+    *POSE_COLUMNS,
+    "margin_n",
+    "factor",
+    "closure",
+    "cables_clearance_m",
+    "platform_clearance_m",
+    "target_clearance_m",
+    "usable",
+)
+
+
+def write_stl(mesh: Mesh, path: Path) -> None:
+    """Write a mesh as binary STL [m]."""
+    corners = mesh.vertices[mesh.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    record = np.zeros(len(corners), dtype=[("f", "<f4", (4, 3)), ("attribute", "<u2")])
+    record["f"][:, 0] = normal / np.maximum(length, 1e-300)
+    record["f"][:, 1:] = corners
+    header = b"cabols workspace, metres".ljust(80)
+    path.write_bytes(header + np.uint32(len(corners)).tobytes() + record.tobytes())
+
+
+def write_ply(mesh: Mesh, path: Path) -> None:
+    """Write a mesh as binary little-endian PLY [m], vertices shared between faces."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment cabols workspace, metres\n"
+        f"element vertex {len(mesh.vertices)}\n"
+        "property double x\nproperty double y\nproperty double z\n"
+        f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    faces = np.zeros(len(mesh.faces), dtype=[("count", "u1"), ("index", "<i4", (3,))])
+    faces["count"], faces["index"] = 3, mesh.faces
+    path.write_bytes(header.encode() + mesh.vertices.astype("<f8").tobytes() + faces.tobytes())
+
+
+def write_map(found: WorkspaceMap, path: Path) -> None:
+    """Write every pose of a map as a row of CSV; units in the column names."""
+    grid = found.grid
+    orientations = grid.angles_deg.shape[0]
+    positions = np.repeat(grid.positions, orientations, axis=0)
+    angles = np.tile(grid.angles_deg, (len(grid.positions), 1))
+    values = [*found.capacity, *found.clearance, found.usable]
+    table = np.column_stack([positions, angles, *[value.ravel() for value in values]])
+    np.savetxt(path, table, fmt="%.6g", delimiter=",", header=",".join(MAP_COLUMNS), comments="")
+
+
+def write_rows(columns: tuple[str, ...], rows: FloatArray, path: Path) -> None:
+    """Write numbers (k, columns) as CSV."""
+    np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+
+
+def read_poses(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Read a trajectory: CSV with the columns x_m, y_m, z_m, rx_deg, ry_deg, rz_deg.
+
+    Returns:
+        (k, 3) positions [m] and (k, 3, 3) rotations from intrinsic x-y-z Euler angles.
+
+    Raises:
+        ConfigError: naming file, line and column if it cannot be used.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            reader = csv.DictReader(stream)
+            missing = set(POSE_COLUMNS) - set(reader.fieldnames or ())
+            if missing:
+                raise ConfigError(
+                    f"{path}: expected the columns {', '.join(POSE_COLUMNS)}, missing "
+                    f"{', '.join(sorted(missing))}"
+                )
+            rows = [_pose(path, reader.line_num, row) for row in reader]
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    if not rows:
+        raise ConfigError(f"{path}: expected at least one pose, got none")
+    table = np.array(rows)
+    return table[:, :3], Rotation.from_euler("XYZ", table[:, 3:], degrees=True).as_matrix()
+
+
+def _pose(path: Path, line: int, row: dict[str, str]) -> list[float]:
+    try:
+        values = [float(row[name]) for name in POSE_COLUMNS]
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{path}, line {line}: expected six numbers, got {row}") from error
+    if not np.isfinite(values).all():
+        raise ConfigError(f"{path}, line {line}: expected finite numbers, got {values}")
+    return values
+
+
+def write_geometry(geometry: RigGeometry, path: Path, comment: str) -> None:
+    """Write a geometry as the YAML that `load_geometry` reads, the comment above it."""
+    angles = Rotation.from_matrix(geometry.reference_rotation).as_euler("XYZ", degrees=True)
+    content = {
+        "base_frame": geometry.base_frame,
+        "platform_frame": geometry.platform_frame,
+        "reference_pose": {
+            "position": _rounded(geometry.reference_position),
+            "rotation_xyz_deg": _rounded(angles),
+        },
+        "base_points": [_rounded(row) for row in geometry.base_points],
+        "platform_points": [_rounded(row) for row in geometry.platform_points],
+    }
+    lines = "".join(f"# {line}\n" for line in comment.splitlines())
+    path.write_text(lines + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    """Round to a micrometre (or microdegree); no negative zero."""
+    return [round(float(value), 6) + 0.0 for value in values]
+
+
+def write_json(content: dict[str, Any], path: Path) -> None:
+    """Write figures, units in the keys."""
+    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

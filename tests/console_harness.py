@@ -1,0 +1,106 @@
+"""The simulated rig with its console, led by a browser and watched on the graph."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import Any
+
+import yaml
+from cabols_msgs.msg import Mode
+
+from cabols_control.configuration import packaged
+
+TALL = {"width": 1280, "height": 720}
+SLOW = 0.1
+"""A browser that draws in software shares the cores: the rig's time passes slowly."""
+LIVE = "window.cabolsFrames > 3"
+ZEROED = "[...document.querySelectorAll('[id^=\"z-\"]')].every(e => e.textContent === 'zero set')"
+
+
+def free_port() -> int:
+    """A TCP port that nobody has."""
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def console_values(folder: Any, port: int, **more: Any) -> dict[str, Any]:
+    """Arguments of the bench with a console."""
+    return {
+        "console": True,
+        "console_port": port,
+        "campaigns": str(folder / "campaigns"),
+        "uploads": str(folder / "programs"),
+        "speed": SLOW,
+        "watchdog": 0.1,
+        "command_timeout": 0.1,
+        "stale_after": 3.0,
+        "state_timeout": 5.0,
+        **more,
+    }
+
+
+def short_campaign(path: Path, configurations: list[int], paths: int) -> None:
+    """Write a small part of the bench's campaign, of few configurations."""
+    whole = yaml.safe_load(packaged("cabols_stiffness", "bench_campaign.yaml").read_text("utf-8"))
+    for key in ("validation_configurations", "validation_paths"):
+        whole.pop(key, None)
+    whole.update(configurations=configurations, paths=whole["paths"][:paths])
+    path.write_text(yaml.safe_dump(whole), encoding="utf-8")
+
+
+class Panel:
+    """The page as an operator uses it: by names and roles, never by a script behind it."""
+
+    def __init__(self, page: Any, port: int) -> None:
+        self.page = page
+        self.address = f"http://127.0.0.1:{port}"
+        self.errors: list[str] = []
+        self.foreign: list[str] = []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("request", self._note)
+
+    def _note(self, request: Any) -> None:
+        local = (self.address, self.address.replace("http", "ws", 1), "data:", "blob:")
+        if not request.url.startswith(local):
+            self.foreign.append(request.url)
+
+    def open(self) -> Panel:
+        self.page.goto(self.address)
+        self.page.wait_for_function(LIVE)
+        return self
+
+    def press(self, name: str) -> None:
+        """Press a button by its data-name, once it is enabled."""
+        self.page.locator(f"[data-name={name}]").click()
+
+    def enabled(self, name: str) -> bool:
+        return bool(self.page.locator(f"[data-name={name}]").is_enabled())
+
+    def text(self, name: str) -> str:
+        return str(self.page.locator(f"[data-name={name}]").inner_text())
+
+    def take_command(self) -> None:
+        self.page.get_by_role("button", name="Take command").click()
+        self.page.get_by_text("You are in command", exact=False).first.wait_for()
+
+    def wait_mode(self, name: str) -> None:
+        self.page.wait_for_selector(f'#mode-chip[data-mode="{name}"]')
+
+    def wait_text(self, selector: str, text: str) -> None:
+        self.page.locator(selector).filter(has_text=text).first.wait_for()
+
+    def log(self) -> str:
+        return str(self.page.locator("#log").inner_text())
+
+    def pretighten_and_load(self, watcher: Any) -> None:
+        """From STOPPED to LOADING, as seen on the graph."""
+        self.press("mode-PRETIGHTENING")
+        watcher.wait(lambda: watcher.modes()[-1] == Mode.PRETIGHTENING, "PRETIGHTENING")
+        self.wait_mode("PRETIGHTENING")
+        watcher.wait(lambda: all(watcher.seen["limb_state"][-1].zeroed), "all limbs zeroed")
+        self.page.wait_for_function(ZEROED)
+        self.press("mode-LOADING")
+        watcher.wait(lambda: watcher.modes()[-1] == Mode.LOADING, "LOADING")
+        self.wait_mode("LOADING")
