@@ -350,7 +350,9 @@ class CampaignRun:
 
     def _tell(self, request: Tell) -> Reply:
         standing = self.standing
-        self._journal.tell(time.time_ns(), request.what, request.keys, request.reason)
+        # A configuration that is tried again concerns all its loads, and needs one line.
+        told = request.keys if request.what == "skipped" else request.keys[:1]
+        self._journal.tell(time.time_ns(), request.what, told, request.reason)
         if request.what == "skipped":
             standing.skipped += len(request.keys)
         first = request.keys[0]

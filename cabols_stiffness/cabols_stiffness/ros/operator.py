@@ -19,6 +19,8 @@ from cabols_stiffness.ros.intake import Intake
 ANSWER_S = 10.0
 """Wall time for an answer that only says whether something was begun."""
 RETRY_S = 0.1
+REFUSED_S = 2.0
+"""Of the rig's time, that a goal may be refused for."""
 STALL_S = 25.0
 """Wall time without a sample after which the rig counts as gone; a lockstep clock gives up after
 20 s."""
@@ -145,7 +147,7 @@ class Operator:
     ) -> tuple[Any, str]:
         if not client.wait_for_server(timeout_sec=ANSWER_S):
             return None, "its node does not run: no action server"
-        handle = self._answer(client.send_goal_async(goal))
+        handle = self._accepted(client, goal)
         if handle is None or not handle.accepted:
             return None, "refused; the node's log says why" if handle else "no answer to the goal"
         future = handle.get_result_async()
@@ -162,6 +164,17 @@ class Operator:
             handle.cancel_goal_async()
             raise
         return future.result().result, ""
+
+    def _accepted(self, client: ActionClient, goal: Any) -> Any:
+        """Send a goal until it is accepted: every node hears of a mode at its own time."""
+        until_ns = self._intake.now_ns + round(1e9 * REFUSED_S)
+        while True:
+            handle = self._answer(client.send_goal_async(goal))
+            if handle is not None and (handle.accepted or self._intake.now_ns >= until_ns):
+                return handle
+            if handle is None:
+                return None
+            self.pause(RETRY_S)
 
     def _answer(self, future: Any) -> Any:
         """Wait for a service's answer; None if there is none in time."""
