@@ -230,8 +230,8 @@ ARGUMENTS = (
     Argument(
         "cpu",
         -1,
-        "core for the bridge, the robot's bridge and the simulated devices; -1: any",
-        (*_BRIDGES, *_ROBOT, _DEVICES),
+        "core for the bridge, the recorder, the robot's bridge and the simulated devices; -1: any",
+        (*_BRIDGES, "recorder", *_ROBOT, _DEVICES),
     ),
     Argument(
         "other_cpu",
@@ -239,7 +239,7 @@ ARGUMENTS = (
         "core for the other nodes; -1: any",
         (
             *("limb_controller", "wrench_controller", "supervisor", "load_program"),
-            *("recorder", "console", *_CAMPAIGN),
+            *("console", *_CAMPAIGN),
         ),
         parameter="cpu",
     ),
@@ -377,12 +377,11 @@ def bench_graph(
 
 def _beside_clock(node: NodeSpec) -> NodeSpec:
     """Tell those that are not in the control path that a lockstep clock does not wait for them."""
-    if node.executable == LOAD_PROGRAM.executable:
-        # It then publishes at its own rate instead of answering every wrench.
-        node = replace(node, reads=("mode",))
-    elif node.executable != "supervisor":
+    # They then go at their own rate instead of answering every sample, as in real time.
+    reads = {"load_program": ("mode",), "supervisor": ("loop_status",)}.get(node.executable)
+    if reads is None:
         return node
-    return node.with_parameters(beside_clock=True)
+    return replace(node, reads=reads).with_parameters(beside_clock=True)
 
 
 def _devices(ports: Ports) -> list[NodeSpec]:

@@ -15,6 +15,8 @@ from std_srvs.srv import Trigger
 from cabols_control.attendance import Attendance
 from cabols_control.modes import MOVING
 from cabols_control.ros import topics
+from cabols_control.ros.layout import Layout
+from cabols_control.ros.live import live_name, live_qos
 from cabols_control.ros.loop import ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
@@ -23,12 +25,14 @@ from cabols_control.ros.ticker import Ticker
 from cabols_control.supervision import EMERGENCY, Supervision, SupervisionConfig
 
 PERIOD_S = 0.02
+NEWS_S = 0.06
+"""Slow copies of the limb states come every 45 ms."""
 REPEAT_EVERY = 5
 """The mode is repeated at 10 Hz, so that its readers notice a silent supervisor."""
 
 
 class SupervisorNode(ControlNode):
-    """Thin node around Supervision: looks at the newest limb state 50 times a second."""
+    """Thin node around Supervision: looks 50 times a second for news of the limbs."""
 
     def __init__(self) -> None:
         """Advertise mode and the services."""
@@ -62,18 +66,8 @@ class SupervisorNode(ControlNode):
             )
         )
         self._lock = threading.Lock()
-        self._state = Input(
-            self,
-            "limb_state",
-            topics.limb_state_layout(self.rig.geometry),
-            control_qos(self.lockstep),
-        )
-        self._pose = Input(
-            self,
-            "platform_pose",
-            topics.pose_layout(self.rig.geometry),
-            control_qos(self.lockstep),
-        )
+        self._state = self._input("limb_state", topics.limb_state_layout(self.rig.geometry))
+        self._pose = self._input("platform_pose", topics.pose_layout(self.rig.geometry))
         self._output = self.advertise(
             "mode", Output(self, "mode", topics.TYPES["mode"], latched_qos(self.lockstep))
         )
@@ -90,6 +84,12 @@ class SupervisorNode(ControlNode):
             self._loop.prepare = self.prepare_thread
         else:
             self._loop = Ticker(self.context, PERIOD_S, self._tick)
+
+    def _input(self, topic: str, layout: Layout) -> Input:
+        """Subscribe to a topic's slow copy: a reader of every sample costs its writer's loop."""
+        if self.paced:
+            return Input(self, topic, layout, control_qos(self.lockstep))
+        return Input(self, live_name(topic), layout, live_qos())
 
     def begin(self) -> None:
         """Start looking."""
@@ -172,13 +172,19 @@ class SupervisorNode(ControlNode):
 
     def _set_mode(self, request: Any, response: Any) -> Any:
         with self._lock:
-            if not self.paced:
-                # Who asks may have seen a newer state than the last tick's.
-                self._hear_news()
+            if not self.paced and request.mode in MOVING:
+                self._await_news()
             verdict = self._core.request(request.mode, self._now_s())
             self._publish_change()
         response.success, response.message = verdict.allowed, verdict.reason
         return response
+
+    def _await_news(self) -> None:
+        """Hear a limb state that is younger than a request: who asks may have seen it."""
+        heard, give_up = self._state.count, time.monotonic() + NEWS_S
+        while self._state.count == heard and time.monotonic() < give_up:
+            time.sleep(0.002)
+            self._hear_news()
 
     def _emergency_stop(self, request: Any, response: Any) -> Any:
         del request
