@@ -216,10 +216,10 @@ ARGUMENTS = (
     Argument(
         "fifo_priority",
         0,
-        "SCHED_FIFO priority of bridge and limb controller, from 3; the wrench controller gets 1 "
-        "less, the other nodes, whose locks the loops may meet, 2 less; 0: none",
+        "SCHED_FIFO priority of bridge and limb controller, from 3; wrench controller and recorder "
+        "get 1 less, the other nodes, whose locks the loops may meet, 2 less; 0: none",
         (*_ALL, _DEVICES),
-        below={"wrench_controller": 1, **dict.fromkeys((*_BESIDE, _DEVICES), 2)},
+        below={**dict.fromkeys((*_BESIDE, _DEVICES), 2), "wrench_controller": 1, "recorder": 1},
     ),
     Argument(
         "cpu_latency_us",

@@ -73,6 +73,12 @@ def give_back() -> None:
     )
 
 
+def be_ordinary() -> None:
+    """Return the calling thread to the ordinary scheduling class."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
 def may_use_fifo() -> bool:
     """Whether the kernel lets this process use SCHED_FIFO; tried in a thread that then ends."""
     granted = []

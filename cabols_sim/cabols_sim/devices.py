@@ -57,8 +57,6 @@ def _tracker(link: DeviceLink, options: argparse.Namespace) -> TrackerServer | N
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM."""
     options = _arguments(arguments)
-    scheduling = Scheduling(fifo_priority=options.fifo_priority, cpu=options.cpu)
-    apply_scheduling(scheduling, lambda text: print(f"warning: {text}", file=sys.stderr))
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
@@ -82,6 +80,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ports = {"link": options.link_port, "egm": options.egm_port, "rws": controller.rws.port}
     if tracker is not None:
         ports["tracker"] = tracker.start()
+    # Not before: the start takes a second of a core, which nodes that run already need.
+    scheduling = Scheduling(fifo_priority=options.fifo_priority, cpu=options.cpu)
+    apply_scheduling(scheduling, lambda text: print(f"warning: {text}", file=sys.stderr))
     print("ready " + json.dumps(ports), flush=True)
     ended.wait()
     if tracker is not None:

@@ -18,7 +18,7 @@ from cabols_control.bags.gaps import Gaps
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.scan import first_stamp
 from cabols_control.bags.writer import BagWriter
-from cabols_control.realtime import collect_young
+from cabols_control.realtime import be_ordinary, collect_young
 from cabols_control.ros import topics
 from cabols_control.ros.loop import IDLE_NS, LoopGroup, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode
@@ -211,6 +211,8 @@ class Recording:
         due = time.monotonic() + self._period
         while not self._stop.wait(max(0.0, due - time.monotonic())):
             due = max(due + self._period, time.monotonic())
+            # Taking must not wait, or the middleware drops what comes; writing may.
+            be_ordinary()
             self._write()
             self._writer.flush()
             collect_young()
