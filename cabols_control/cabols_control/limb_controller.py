@@ -182,7 +182,7 @@ class LimbController:
                 f"tension_command is stale: {1e3 * age:.1f} ms old, "
                 f"{1e3 * self._timeout:.1f} ms allowed"
             )
-        if not sample.zeroed[self._pick].all():
+        if b"\x00" in sample.zeroed[self._pick].tobytes():
             missing = self.limbs[~sample.zeroed[self.limbs].astype(bool)]
             return f"limbs {missing.tolist()} are not pre-tightened"
         return ""

@@ -64,8 +64,11 @@ class LimbControllerNode(ControlNode):
             self.lockstep,
         )
         self._loop.prepare = self.prepare_thread
+        self._loop.use_pause = self._hear_command
         self.seen_mode = OperatingMode.STOPPED
         self._mode_count = 0
+        self._setpoint: TensionSetpoint | None = None
+        self._command_count = 0
         # Two controllers with a part of the limbs each would offer the same action twice, and
         # neither could pre-tighten the other's limbs.
         every = len(limbs) == geometry.cables and not self.lockstep
@@ -100,13 +103,13 @@ class LimbControllerNode(ControlNode):
         started = time.monotonic()
         record = self._state.record
         current = self._controller.step(
-            self._sample(record), self._present_mode(), self._setpoint()
+            self._sample(record), self._present_mode(), self._hear_command()
         )
         answer = self._answer
         answer.stamp(self._state.stamp_ns)
         answer["sequence"][0] = record["sequence"]
         answer["tension_sequence"][0] = (
-            self._command.record["sequence"] if self._command.record is not None else 0
+            self._command.record["sequence"] if self._setpoint is not None else 0
         )
         answer["current"][:] = current
         answer["saturated"][:] = self._controller.saturated
@@ -146,17 +149,22 @@ class LimbControllerNode(ControlNode):
             self._controller.trip(f"mode is {age:.1f} s old: the supervisor is silent")
         return mode
 
-    def _setpoint(self) -> TensionSetpoint | None:
-        record = self._command.record
+    def _hear_command(self) -> TensionSetpoint | None:
+        """Return the newest tension command; read once, in the pause if it comes by then."""
         if self._command.error:
             self._controller.trip(self._command.error)
-        if record is None:
-            return None
+        if self._command.count != self._command_count:
+            self._command_count = self._command.count
+            self._setpoint = self._read_command(self._command.record)
+        return self._setpoint
+
+    def _read_command(self, record: np.void) -> TensionSetpoint | None:
         if record["limb"].tobytes() != self._expected_limbs:
             self._controller.trip(
                 f"tension_command: expected limbs 0 to {self._cables.size - 1} in order, "
                 f"got {record['limb'].tolist()}"
             )
+            return None
         limbs = self._controller.limbs
         return TensionSetpoint(
             1e-9 * self._command.stamp_ns, record["tension"][limbs], bool(record["active"])

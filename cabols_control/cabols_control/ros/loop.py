@@ -170,6 +170,7 @@ class ControlLoop(GuardedThread):
         self._turns = 0
         self._wait_set = make_wait_set(node, 1 + len(self._companions))
         self.prepare: Callable[[], None] = lambda: None
+        self.use_pause: Callable[[], None] = lambda: None
 
     def body(self) -> None:
         """Prepare, then turn."""
@@ -185,6 +186,7 @@ class ControlLoop(GuardedThread):
         due = [c for c in self._companions if turns % c.every == 0]
         if not wait_for(self._wait_set, (self._trigger,), GAP_NS):
             due = [c for c in due if not c.take()]
+            self.use_pause()
             if not wait_for(self._wait_set, (self._trigger,), IDLE_NS):
                 return
         if not self._trigger.take():
