@@ -85,6 +85,7 @@ class BridgeNode(ControlNode):
         self._mode = OperatingMode.STOPPED
         self._sequence = 0
         self._answered = 0
+        self._posed = False
         self._turns = 0
         self._newest_s = 0.0
         self._refused = ""
@@ -153,6 +154,7 @@ class BridgeNode(ControlNode):
         """Use a pose, (3,) [m] and (3, 3), if the safety envelope lets it pass."""
         if self._guard.safety.hear_pose(self._newest_s, position, rotation):
             self.bridge.set_pose(position, rotation)
+            self._posed = True
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
         """Publish more with a sample; called just before it is published."""
@@ -330,7 +332,8 @@ class BridgeNode(ControlNode):
     def _report(self, stamp_ns: int) -> None:
         fault = self._guard.fault
         self.status.late = self.daq.late
-        answered = RUNNING if self._answered else WAITING
+        # Until then the supervisor lets nothing move: a load without a pose is a fault.
+        answered = RUNNING if self._answered and self._posed else WAITING
         state = FAULT if fault is not None else answered
         self.status.cycle(stamp_ns, state, str(fault) if fault is not None else self._refused)
         self.tidy()
