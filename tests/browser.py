@@ -37,10 +37,11 @@ def chromium_path() -> str:
 def chromium(profile: Path) -> Iterator[Any]:
     """A browser with an empty profile.
 
-    It draws without a graphics card, which takes a core: nice leaves that to the rig's loops.
+    It draws without a graphics card, which takes a core: nice leaves most of that to the rig's
+    loops, but not all, or whatever else the machine has to do would stop the page.
     """
     start = profile / "chromium.sh"
-    start.write_text(f'#!/bin/sh\nexec nice -n 19 {chromium_path()} "$@"\n')
+    start.write_text(f'#!/bin/sh\nexec nice -n 5 {chromium_path()} "$@"\n')
     start.chmod(0o755)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch_persistent_context(

@@ -38,6 +38,7 @@ def console_values(folder: Any, port: int, **more: Any) -> dict[str, Any]:
         "command_timeout": 0.1,
         "stale_after": 3.0,
         "state_timeout": 5.0,
+        "operator_timeout": 120.0,
         **more,
     }
 
@@ -69,8 +70,12 @@ class Panel:
 
     def open(self) -> Panel:
         self.page.goto(self.address)
-        self.page.wait_for_function(LIVE)
+        self.wait_for(LIVE)
         return self
+
+    def wait_for(self, condition: str) -> None:
+        """Wait for a condition in the page; asked by the clock, as a busy browser draws rarely."""
+        self.page.wait_for_function(condition, polling=100)
 
     def press(self, name: str) -> None:
         """Press a button by its data-name, once it is enabled."""
@@ -96,13 +101,18 @@ class Panel:
     def log(self) -> str:
         return str(self.page.locator("#log").inner_text())
 
+    def change_mode(self, watcher: Any, name: str) -> None:
+        """Ask for a mode and see it on the graph, then on the page."""
+        self.press(f"mode-{name}")
+        try:
+            watcher.wait(lambda: watcher.modes()[-1] == getattr(Mode, name), name)
+        except AssertionError as error:
+            raise AssertionError(f"{error}; the page's log:\n{self.log()}") from error
+        self.wait_mode(name)
+
     def pretighten_and_load(self, watcher: Any) -> None:
         """From STOPPED to LOADING, as seen on the graph."""
-        self.press("mode-PRETIGHTENING")
-        watcher.wait(lambda: watcher.modes()[-1] == Mode.PRETIGHTENING, "PRETIGHTENING")
-        self.wait_mode("PRETIGHTENING")
+        self.change_mode(watcher, "PRETIGHTENING")
         watcher.wait(lambda: all(watcher.seen["limb_state"][-1].zeroed), "all limbs zeroed")
-        self.page.wait_for_function(ZEROED)
-        self.press("mode-LOADING")
-        watcher.wait(lambda: watcher.modes()[-1] == Mode.LOADING, "LOADING")
-        self.wait_mode("LOADING")
+        self.wait_for(ZEROED)
+        self.change_mode(watcher, "LOADING")

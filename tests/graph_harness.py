@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -39,14 +40,20 @@ class Watcher:
         rclpy.init(context=self.context, domain_id=domain)
         self.node = rclpy.create_node("watcher", namespace="/cabols", context=self.context)
         self.seen: dict[str, list[Any]] = {topic: [] for topic in watched}
+        self.came_s: dict[str, list[float]] = {topic: [] for topic in watched}
+        """When each message came, time.monotonic()."""
         for topic in watched:
             self.node.create_subscription(
-                topics.TYPES[topic], topic, self.seen[topic].append, qos(topic)
+                topics.TYPES[topic], topic, partial(self._keep, topic), qos(topic)
             )
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()
+
+    def _keep(self, topic: str, message: Any) -> None:
+        self.came_s[topic].append(time.monotonic())
+        self.seen[topic].append(message)
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
@@ -83,7 +90,7 @@ class Watcher:
         self.wait(future.done, f"the answer of {name}")
         return future.result()
 
-    def wait(self, condition: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
+    def wait(self, condition: Callable[[], bool], what: str, seconds: float = 90.0) -> None:
         """Wait for a condition; fail with what was waited for."""
         give_up = time.monotonic() + seconds
         while not condition():

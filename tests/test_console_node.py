@@ -230,20 +230,40 @@ def mute_pages_get_little_and_command_nothing(rig, address, port):
             assert ended.value.rcvd.code == UNKNOWN_PAGE
         with pytest.raises(websockets.InvalidStatus, match="403"):
             await _open_from("http://evil.example", wire + page["page"])
+        await first_sample(rig, wire + page["page"])
         async with websockets.connect(wire + page["page"]) as mute:
             frames, others = await collect(rig, mute, BEHIND + 60)
             assert 5 < len(frames) <= BEHIND + 2, "frames stop when nothing is acknowledged"
             assert frames[-1]["T"] == [12.5] * 8
             assert others["s"][-1]["mode"]["name"] == "STOPPED"
             await mute.send(json.dumps({"a": frames[-1]["n"]}))
-            more, _ = await collect(rig, mute, 5)
-            assert more[0]["n"] > frames[-1]["n"] + 5, "the newest one, not the ones it missed"
+            newest = await next_frame(rig, mute)
+            assert newest["n"] > frames[-1]["n"] + 5, "the newest one, not the ones it missed"
             for junk in ("{}", "x", '{"a": 1e99}', '{"a": "y"}'):
                 await mute.send(junk)
         assert rig.heard[-1].attended is False
 
     asyncio.run(play())
     assert rig.asked == []
+
+
+async def first_sample(rig, address):
+    """Wait until the console has found the rig: until a page that answers is shown a sample."""
+    give_up = time.monotonic() + PATIENCE_S
+    async with websockets.connect(address) as page:
+        while "T" not in (frame := await next_frame(rig, page)):
+            assert time.monotonic() < give_up, "no frame shows the rig's sample"
+            await page.send(json.dumps({"a": frame["n"]}))
+
+
+async def next_frame(rig, wire):
+    """The next frame, whenever it comes."""
+    give_up = time.monotonic() + PATIENCE_S
+    while time.monotonic() < give_up:
+        frames, _ = await collect(rig, wire, 1)
+        if frames:
+            return frames[0]
+    raise AssertionError("no frame")
 
 
 async def _open_from(origin, address):

@@ -122,7 +122,7 @@ class ConsoleServer:
             tailwind=False,
             storage_secret=secrets.token_hex(32),
             session_middleware_kwargs={"same_site": "strict"},
-            reconnect_timeout=5.0,
+            reconnect_timeout=30.0,
             show_welcome_message=False,
         )
         return application

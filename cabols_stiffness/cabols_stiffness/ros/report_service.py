@@ -59,7 +59,7 @@ class ReportService:
         return response
 
     def _begin(self, folder: str) -> None:
-        command = ["nice", "-n", "19", str(executable_path("cabols_stiffness", "analyze")), folder]
+        command = ["nice", "-n", "5", str(executable_path("cabols_stiffness", "analyze")), folder]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
