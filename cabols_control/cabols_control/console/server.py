@@ -184,7 +184,8 @@ class ConsoleServer:
         ):
             while True:
                 told = json.loads(await wire.receive_text())
-                viewer.acked = min(int(told["a"]), viewer.sent)
+                # A page that answers before its first frame tells 0, which takes nothing back.
+                viewer.acked = max(viewer.acked, min(int(told["a"]), viewer.sent))
                 self._desk.heard(viewer)
 
     async def _tell(
