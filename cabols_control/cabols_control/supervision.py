@@ -145,12 +145,13 @@ class Supervision:
         """Answer a request for a mode."""
         before = self.mode
         if wanted in MOVING:
-            silent = self._silent(now_s)
-            if silent:
-                return Verdict(False, f"no report from {', '.join(silent)}: not running?")
+            # A node with a complaint does not count as running: the complaint says more.
             for node, complaint in self._complaints.items():
                 if self.mode != OperatingMode.FAULT:
                     return Verdict(False, f"{node}: {complaint}")
+            silent = self._silent(now_s)
+            if silent:
+                return Verdict(False, f"no report from {', '.join(silent)}: not running?")
         zeroed = self._zeroed
         # The bridge forgets the old zeros when it hears of the mode: older news do not count.
         young = not self._newest_s - self._entered_s >= FORGET_S
