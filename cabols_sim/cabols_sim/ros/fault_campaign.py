@@ -62,7 +62,8 @@ class Campaign:
             except RigError as error:
                 print(f"{kind.name}, seed {seed}: {error}", flush=True)
                 self.skipped += attempt == ATTEMPTS
-                trials.renew()
+                if attempt > 1:
+                    trials.renew()
                 continue
             with self._log.open("a", encoding="utf-8") as file:
                 file.write(json.dumps({**result.as_dict(), "disturbed": attempt - 1}) + "\n")

@@ -33,6 +33,9 @@ DEPTH = 5000
 """The watcher must see every sample, also when it is late itself."""
 
 
+ASK_AGAIN_S = 2.0
+
+
 class RigError(CabolsError):
     """The rig did not do what was asked, in time."""
 
@@ -215,12 +218,21 @@ class RigWatch:
             time.sleep(0.002)
 
     def call(self, client: Any, request: Any, seconds: float = 10.0) -> Any:
-        """Call a service; RigError if it is not there or does not answer."""
+        """Call a service; RigError if it is not there or does not answer.
+
+        It is asked again after a while: a server that was killed is known for some time, and one
+        that has just begun may not know where to answer.
+        """
         if not client.wait_for_service(timeout_sec=seconds):
             raise RigError(f"no service {client.srv_name} within {seconds:g} s")
-        future = client.call_async(request)
-        self.wait(future.done, f"the answer of {client.srv_name}", seconds)
-        return future.result()
+        futures: list[Any] = []
+        give_up = time.monotonic() + seconds
+        while time.monotonic() < give_up:
+            futures.append(client.call_async(request))
+            with suppress(RigError):
+                self.wait(lambda: any(f.done() for f in futures), "an answer", ASK_AGAIN_S)
+                return next(f.result() for f in futures if f.done())
+        raise RigError(f"no answer of {client.srv_name} within {seconds:g} s")
 
     def _ask(self, send: Callable[[], Any], what: str, seconds: float) -> Any:
         """Send an action's request from the executor's thread; return the answer.
