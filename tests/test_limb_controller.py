@@ -7,6 +7,7 @@ import pytest
 
 from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.modes import OperatingMode
+from cabols_control.ros import topics
 
 N = 8
 
@@ -148,3 +149,103 @@ def test_subset_drives_its_limbs_only(rig):
     part = TensionSetpoint(0.002, np.full(2, 50.0), True)
     assert controller.step(loaded(0.002), OperatingMode.LOADING, part).shape == (2,)
     assert (controller.current > 0).all()
+
+
+def messages(rig, limbs=N):
+    state, answer = (
+        topics.limb_state_layout(rig.geometry),
+        topics.motor_current_layout(rig.geometry, limbs),
+    )
+    return state, state.record(), answer.record()
+
+
+def as_message(layout, record, taken, sequence):
+    """A limb state as it comes from DDS: read-only, not aligned."""
+    record.stamp(round(1e9 * taken.stamp_s))
+    record["sequence"][0] = sequence
+    record["limb"][:] = range(N)
+    for name in ("wound_length", "elongation", "tension", "switch_closed", "zeroed"):
+        record[name][:] = getattr(taken, name)
+    return layout.read_array(record.raw()).view(layout.compiled_dtype)
+
+
+def test_short_cut_of_a_loaded_rig_is_the_same_law(rig, random):
+    """Same currents, to the bit, as the step for all cases, saturated ones among them."""
+    usual, general = LimbController(rig), LimbController(rig)
+    layout, record, answer = messages(rig)
+    taken, saturated = [], 0
+    stamp_s, tension = 0.0, random.uniform(5.0, 80.0, N)
+    for k in range(400):
+        stamp_s += random.choice([0.001, 0.0012, 0.004, 0.02], p=[0.8, 0.1, 0.09, 0.01])
+        tension = np.clip(tension + random.normal(0.0, 0.3, N), 1.0, 100.0)
+        closed = random.random(N) < 0.9
+        state = sample(stamp_s, 0.01 + tension / 9e4, tension / 2200.0, tension, closed, True)
+        wanted = TensionSetpoint(
+            stamp_s - 0.001, random.uniform(-10.0, 160.0, N), bool(random.random() < 0.9)
+        )
+        message = as_message(layout, record, state, k)
+        short = usual.step_loaded(stamp_s, OperatingMode.LOADING, wanted, message, answer.compiled)
+        if not short:
+            usual.step(state, OperatingMode.LOADING, wanted)
+        taken.append(short)
+        expected = general.step(state, OperatingMode.LOADING, wanted)
+        np.testing.assert_array_equal(usual.current, expected)
+        np.testing.assert_array_equal(usual.saturated, general.saturated)
+        if short:
+            np.testing.assert_array_equal(answer["current"], expected)
+            np.testing.assert_array_equal(answer["saturated"], general.saturated)
+            assert answer["sequence"][0] == k
+            sent_s = answer["header.stamp.sec"][0] + 1e-9 * answer["header.stamp.nanosec"][0]
+            assert sent_s == pytest.approx(stamp_s, abs=1e-9)
+        saturated += general.saturated.any()
+    assert not taken[0]
+    assert sum(taken) > 380
+    assert saturated > 20
+
+
+@pytest.mark.parametrize(
+    ("change", "mode", "wanted"),
+    [
+        ({"zeroed": False}, OperatingMode.LOADING, setpoint(0.003)),
+        ({"elongation": np.nan}, OperatingMode.LOADING, setpoint(0.003)),
+        ({"tension": np.inf}, OperatingMode.LOADING, setpoint(0.003)),
+        ({"stamp_s": 0.002}, OperatingMode.LOADING, setpoint(0.002)),
+        ({"stamp_s": 0.02}, OperatingMode.LOADING, setpoint(0.02)),
+        ({"limb": 7}, OperatingMode.LOADING, setpoint(0.003)),
+        ({}, OperatingMode.LOADING, setpoint(0.003, np.nan)),
+        ({}, OperatingMode.LOADING, setpoint(-1.0)),
+        ({}, OperatingMode.LOADING, None),
+        ({}, OperatingMode.UNLOADING, setpoint(0.003)),
+    ],
+)
+def test_short_cut_leaves_everything_else_alone(controller, rig, change, mode, wanted):
+    for k in range(3):
+        controller.step(loaded(0.001 * k), OperatingMode.LOADING, setpoint(0.001 * k, 30.0))
+    before = controller.current.copy()
+    layout, record, answer = messages(rig)
+    state = loaded(change.get("stamp_s", 0.003))
+    for name in set(change) & {"zeroed", "elongation", "tension"}:
+        getattr(state, name)[3] = change[name]
+    message = as_message(layout, record, state, 1)
+    if "limb" in change:
+        record["limb"][3] = change["limb"]
+        message = layout.read_array(record.raw()).view(layout.compiled_dtype)
+    assert not controller.step_loaded(state.stamp_s, mode, wanted, message, answer.compiled)
+    np.testing.assert_array_equal(controller.current, before)
+    assert not answer["current"].any()
+
+
+def test_short_cut_is_for_all_limbs_only(rig):
+    controller = LimbController(rig, [1, 3])
+    for k in range(3):
+        controller.step(
+            loaded(0.001 * k),
+            OperatingMode.LOADING,
+            TensionSetpoint(0.001 * k, np.full(2, 30.0), True),
+        )
+    layout, record, answer = messages(rig, 2)
+    message = as_message(layout, record, loaded(0.003), 1)
+    wanted = TensionSetpoint(0.003, np.full(2, 30.0), True)
+    assert not controller.step_loaded(
+        0.003, OperatingMode.LOADING, wanted, message, answer.compiled
+    )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.limb_law import LimbLaw
+from cabols_control.limb_loaded_step import ROWS, loaded_step_into
 from cabols_control.limb_references import (
     FOLLOW,
     REST,
@@ -108,17 +109,17 @@ class LimbController:
         self._kind = np.zeros((n, 2), dtype=np.int64)
         self._present = np.zeros(n, dtype=np.int64)
         self._changed: BoolArray = np.zeros(n, dtype=np.bool_)
-        self._reference = np.zeros(n)
-        self._position = np.zeros(n)
-        self._length = np.zeros(n)
-        self._rate = np.zeros(n)
+        rows = self._rows = np.zeros((ROWS, n))
+        rows[0] = self._law.tension_gain
+        self._length, self._rate, self._position, self._reference = rows[1:5]
+        self._law.current = rows[5]
         self._moving = False
         self._mode = OperatingMode.STOPPED
         self._ramped = False
-        everything = chosen == list(range(rig.geometry.cables))
-        self._pick: slice | IntArray = slice(None) if everything else self.limbs
+        self._all = chosen == list(range(rig.geometry.cables))
+        self._pick: slice | IntArray = slice(None) if self._all else self.limbs
         self._last_stamp = -np.inf
-        self.current = np.zeros(n)
+        self.current: FloatArray = rows[6]
         self.fault = ""
         self.unloaded = False
         self.excitation: Excitation | None = None
@@ -172,6 +173,52 @@ class LimbController:
             where = np.flatnonzero(self.limbs == self.excitation.limb)
             self.excitation.take(float(self.current[where].sum()))
         return self.current
+
+    def step_loaded(
+        self,
+        stamp_s: float,
+        mode: OperatingMode,
+        setpoint: TensionSetpoint | None,
+        state: Any,
+        answer: Any,
+    ) -> bool:
+        """Do what step does, from message to message, in the usual case of a loaded rig.
+
+        Args:
+            stamp_s: of the limb state [s].
+            mode: present one.
+            setpoint: newest tension command.
+            state: (1,) record of the LimbState, flags as uint8; see loaded_step_into.
+            answer: (1,) record of the MotorCurrent; stamp, sequence, current, saturated are set.
+
+        Returns:
+            Whether it was the usual case. If not, nothing has changed: call step.
+        """
+        if mode != OperatingMode.LOADING or self._mode != mode or not self._moving:
+            return False
+        if self.fault or self.excitation is not None or setpoint is None or not self._all:
+            return False
+        dt_s = stamp_s - self._last_stamp
+        if not 0.0 < dt_s <= LONGEST_STEP_S or not stamp_s - setpoint.stamp_s <= self._timeout:
+            return False
+        control = self._control
+        usual = loaded_step_into(
+            state,
+            setpoint.tension if setpoint.active else self._hold,
+            self._kind,
+            self._present,
+            self._changed,
+            *self._law.arrays,
+            self._rows,
+            control.tension_max,
+            control.pretension_speed,
+            control.current_limit,
+            dt_s,
+            answer,
+        )
+        if usual:
+            self._last_stamp = stamp_s
+        return bool(usual)
 
     def _why_not_load(self, sample: LimbSample, setpoint: TensionSetpoint | None) -> str:
         if setpoint is None:

@@ -78,6 +78,11 @@ class LimbLaw:
         self._state = np.zeros((len(gains), 2))
 
     @property
+    def arrays(self) -> tuple[FloatArray, FloatArray]:
+        """Gains and state, as limb_law_into wants them; the law's own, no copies."""
+        return self._gains, self._state
+
+    @property
     def limbs(self) -> int:
         """Number n of limbs."""
         return int(self.current.size)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cabols_control.limb import identify_limb
@@ -31,6 +33,24 @@ def warm_limbs(rig: Rig, sample: LimbSample | None = None) -> None:
         stamp_s = 0.001 * k
         setpoint = TensionSetpoint(stamp_s, np.full(n, 10.0), True)
         controller.step(sample._replace(stamp_s=stamp_s), mode, setpoint)
+
+
+def warm_loaded_step(rig: Rig, state: Any, answer: Any) -> None:
+    """Compile, or load from the cache, the short cut of a loaded rig.
+
+    Args:
+        rig: configuration.
+        state: (1,) record of a LimbState, as messages come; its limbs must have no zero.
+        answer: (1,) record of a MotorCurrent, writable.
+    """
+    n = rig.geometry.cables
+    flags, length = np.ones(n, dtype=np.bool_), np.full(n, 0.001)
+    controller = LimbController(rig)
+    for k in range(3):
+        setpoint = TensionSetpoint(0.001 * k, np.full(n, 10.0), True)
+        sample = LimbSample(0.001 * k, length, length, length, flags, flags)
+        controller.step(sample, OperatingMode.LOADING, setpoint)
+    controller.step_loaded(0.003, OperatingMode.LOADING, setpoint, state, answer)
 
 
 def warm_wrenches(rig: Rig) -> None:

@@ -17,7 +17,7 @@ from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import control_qos, latched_qos
-from cabols_control.warm_up import warm_limbs
+from cabols_control.warm_up import warm_limbs, warm_loaded_step
 
 MODE_TIMEOUT_S = 0.5
 NO_SUBSET = [-1]
@@ -55,7 +55,10 @@ class LimbControllerNode(ControlNode):
         )
         self._cables = np.arange(geometry.cables, dtype=np.uint8)
         self._expected_limbs = self._cables.tobytes()
-        warm_limbs(self.rig, _sample_of(state_layout.read(state_layout.record().raw()), 0.0))
+        self._compiled = state_layout.compiled_dtype
+        nothing = state_layout.read_array(state_layout.record().raw())
+        warm_limbs(self.rig, _sample_of(nothing[0], 0.0))
+        warm_loaded_step(self.rig, nothing.view(self._compiled), layout.record().compiled)
         self._loop = ControlLoop(
             self,
             self._state,
@@ -68,7 +71,7 @@ class LimbControllerNode(ControlNode):
         self.seen_mode = OperatingMode.STOPPED
         self._mode_count = 0
         self._setpoint: TensionSetpoint | None = None
-        self._command_count = 0
+        self._command_count = self._tension_sequence = 0
         # Two controllers with a part of the limbs each would offer the same action twice, and
         # neither could pre-tighten the other's limbs.
         every = len(limbs) == geometry.cables and not self.lockstep
@@ -101,24 +104,28 @@ class LimbControllerNode(ControlNode):
 
     def _step(self) -> None:
         started = time.monotonic()
-        record = self._state.record
-        current = self._controller.step(
-            self._sample(record), self._present_mode(), self._hear_command()
-        )
+        mode, setpoint = self._present_mode(), self._hear_command()
+        stamp_s = 1e-9 * self._state.stamp_ns
+        state = self._state.array.view(self._compiled)
         answer = self._answer
-        answer.stamp(self._state.stamp_ns)
-        answer["sequence"][0] = record["sequence"]
-        answer["tension_sequence"][0] = (
-            self._command.record["sequence"] if self._setpoint is not None else 0
-        )
-        answer["current"][:] = current
-        answer["saturated"][:] = self._controller.saturated
+        if not self._controller.step_loaded(stamp_s, mode, setpoint, state, answer.compiled):
+            self._step_otherwise(mode, setpoint)
+        answer["tension_sequence"][0] = self._tension_sequence
         self._output.publish(answer.raw())
         if self._commissioning is not None:
             self._commissioning.after_step()
         self.status.work.add(time.monotonic() - started)
         self.status.lost = self._state.lost
         self._report()
+
+    def _step_otherwise(self, mode: OperatingMode, setpoint: TensionSetpoint | None) -> None:
+        """Answer in whatever case."""
+        record, answer = self._state.record, self._answer
+        current = self._controller.step(self._sample(record), mode, setpoint)
+        answer.stamp(self._state.stamp_ns)
+        answer["sequence"][0] = record["sequence"]
+        answer["current"][:] = current
+        answer["saturated"][:] = self._controller.saturated
 
     def _report(self) -> None:
         reason = self._controller.fault
@@ -156,6 +163,8 @@ class LimbControllerNode(ControlNode):
         if self._command.count != self._command_count:
             self._command_count = self._command.count
             self._setpoint = self._read_command(self._command.record)
+            valid = self._setpoint is not None
+            self._tension_sequence = int(self._command.record["sequence"]) if valid else 0
         return self._setpoint
 
     def _read_command(self, record: np.void) -> TensionSetpoint | None:

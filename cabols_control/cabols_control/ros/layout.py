@@ -42,6 +42,7 @@ class Layout:
     Attributes:
         msg_type: the message class.
         dtype: numpy record of the whole serialised message; nested fields as `header.stamp.sec`.
+        compiled_dtype: the same with uint8 for boolean, of which numba's records have no arrays.
         size: bytes.
     """
 
@@ -83,6 +84,7 @@ class Layout:
                 "itemsize": end,
             }
         )
+        self.compiled_dtype = _for_compiled_code(self.dtype)
         template = bytearray(end)
         fixed = np.zeros(end, dtype=np.bool_)
         for offset, value in self._constants:
@@ -138,6 +140,10 @@ class Layout:
         return Record(self, self._template)
 
     def read(self, raw: bytes) -> Any:
+        """Return read_array's only record."""
+        return self.read_array(raw)[0]
+
+    def read_array(self, raw: bytes) -> Any:
         """View the numbers of a serialised message.
 
         A message from elsewhere may have other strings or the other byte order: it is then
@@ -147,13 +153,13 @@ class Layout:
             raw: as taken from DDS.
 
         Returns:
-            numpy record, fields by dotted name.
+            (1,) array of numpy records, fields by dotted name.
 
         Raises:
             LayoutError: if a sequence has another length, or the bytes are no such message.
         """
         if self.matches(raw):
-            return np.frombuffer(raw, self.dtype, 1)[0]
+            return np.frombuffer(raw, self.dtype, 1)
         try:
             message = deserialize_message(raw, self.msg_type)
         except Exception as error:
@@ -165,7 +171,7 @@ class Layout:
             for part in owner.split(".") if owner else []:
                 target = getattr(target, part)
             setattr(target, last, self._strings.get(name, ""))
-        return np.frombuffer(serialize_message(message), self.dtype, 1)[0]
+        return np.frombuffer(serialize_message(message), self.dtype, 1)
 
     def matches(self, raw: bytes) -> bool:
         """Whether a message has just the lengths and strings of this layout."""
@@ -212,6 +218,8 @@ class Record:
         self._bytes = store[start : start + len(template)]
         self._bytes[:] = np.frombuffer(template, np.uint8)
         whole = self._bytes.view(layout.dtype)
+        self.compiled = self._bytes.view(layout.compiled_dtype)
+        """(1,) record of the whole message, for compiled code."""
         self._views = {name: whole[name][0:1].reshape(-1) for name in layout.dtype.names or ()}
 
     def __getitem__(self, name: str) -> Any:
@@ -226,6 +234,24 @@ class Record:
     def raw(self) -> bytes:
         """Return the bytes to publish."""
         return self._bytes.tobytes()
+
+
+def _for_compiled_code(dtype: Any) -> Any:
+    """Return a record's dtype with uint8 in the place of boolean."""
+    formats, offsets = [], []
+    for name in dtype.names or ():
+        kind, offset = dtype.fields[name][:2]
+        base, shape = kind.subdtype or (kind, ())
+        formats.append((np.dtype(np.uint8) if base == np.bool_ else base, shape))
+        offsets.append(offset)
+    return np.dtype(
+        {
+            "names": list(dtype.names or ()),
+            "formats": formats,
+            "offsets": offsets,
+            "itemsize": dtype.itemsize,
+        }
+    )
 
 
 def stamp_ns(record: Any) -> int:

@@ -44,6 +44,7 @@ class Input:
 
     Attributes:
         record: newest valid message as a numpy record; None before the first.
+        array: (1,) array that holds it.
         stamp_ns: its header stamp; -1 before the first.
         dds_sequence: its publication number.
         received_ns: when it was taken, time.monotonic_ns.
@@ -69,6 +70,7 @@ class Input:
         )
         self._handle = self.subscription.handle
         self.record: Any = None
+        self.array: Any = None
         self.stamp_ns = -1
         self.dds_sequence = 0
         self.received_ns = 0
@@ -106,11 +108,12 @@ class Input:
             self.lost += number - self.dds_sequence - 1
         self.dds_sequence = number
         try:
-            self.record = self._layout.read(raw)
+            self.array = self._layout.read_array(raw)
         except LayoutError as error:
             self.error = str(error)
             return False
         self.error = ""
+        self.record = self.array[0]
         self.stamp_ns = stamp_ns(self.record)
         self.count += 1
         return True
