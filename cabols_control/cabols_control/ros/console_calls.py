@@ -88,8 +88,9 @@ class Calls:
         if self._activities.get(action, {}).get("busy"):
             return Answer(False, f"{action} is under way")
         self._set(action, busy=True, progress=0.0, text="asked")
-        sent = client.send_goal_async(
-            kind.Goal(**fields), lambda message: self._hear(action, message.feedback)
+        goal = kind.Goal(**fields)
+        sent = await self._send(
+            lambda: client.send_goal_async(goal, lambda heard: self._hear(action, heard.feedback))
         )
         try:
             handle = await self._arrive(sent)
@@ -101,7 +102,7 @@ class Calls:
             text = "refused: the log says why"
             self._set(action, busy=False, progress=0.0, text=text)
             return Answer(False, text)
-        self._follow(action, handle)
+        self._follow(action, handle, await self._send(handle.get_result_async))
         return Answer(True, "accepted")
 
     async def cancel(self, action: str) -> Answer:
@@ -110,10 +111,29 @@ class Calls:
         if handle is None:
             return Answer(False, f"{action} is not under way")
         try:
-            response = await self._arrive(handle.cancel_goal_async())
+            response = await self._arrive(await self._send(handle.cancel_goal_async))
         except asyncio.TimeoutError:
             return Answer(False, f"{action}: no answer within {ANSWER_S:g} s")
         return Answer(bool(response.goals_canceling), "cancelling")
+
+    async def _send(self, send: Callable[[], Future]) -> Future:
+        """Send an action client's request from the executor's thread; return its future.
+
+        rclpy notes it as pending only after it has been sent: from another thread, an answer that
+        comes at once would find nobody waiting.
+        """
+        executor = self._node.executor
+        if executor is None:
+            return send()
+        loop = asyncio.get_running_loop()
+        sent: asyncio.Future[Future] = loop.create_future()
+
+        def in_executor() -> None:
+            found = send()
+            loop.call_soon_threadsafe(sent.set_result, found)
+
+        executor.create_task(in_executor)
+        return await sent
 
     async def _arrive(self, future: Future) -> Any:
         """Await a future of rclpy in asyncio.
@@ -132,11 +152,11 @@ class Calls:
         handle = sent.result()
         if handle is not None and handle.accepted:
             self._set(action, busy=True, text="accepted late")
-            self._follow(action, handle)
+            self._follow(action, handle, handle.get_result_async())
 
-    def _follow(self, action: str, handle: Any) -> None:
+    def _follow(self, action: str, handle: Any, result: Future) -> None:
         self._handles[action] = handle
-        handle.get_result_async().add_done_callback(lambda done: self._end(action, done))
+        result.add_done_callback(lambda done: self._end(action, done))
 
     def _end(self, action: str, done: Future) -> None:
         self._handles.pop(action, None)

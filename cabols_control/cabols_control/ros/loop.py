@@ -69,6 +69,8 @@ class Input:
             layout.msg_type, topic, _unused, qos, callback_group=LoopGroup(), raw=True
         )
         self._handle = self.subscription.handle
+        # To ask an empty reader costs as much as to take: where one message waits at most, once.
+        self._single = qos.depth == 1
         self.record: Any = None
         self.array: Any = None
         self.stamp_ns = -1
@@ -90,13 +92,15 @@ class Input:
 
     def take(self) -> bool:
         """Take what has arrived; keep the newest. Returns whether a valid message came."""
+        if self._single:
+            return self.take_one()
         fresh = False
         while (taken := self._handle.take_message(self._type, True)) is not None:
             fresh = self._accept(*taken) or fresh
         return fresh
 
     def take_one(self) -> bool:
-        """Take the oldest that waits, where none may be skipped (deep queues)."""
+        """Take the oldest that waits; in deep queues, none is skipped."""
         taken = self._handle.take_message(self._type, True)
         return taken is not None and self._accept(*taken)
 

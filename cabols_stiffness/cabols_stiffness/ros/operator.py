@@ -150,7 +150,9 @@ class Operator:
         handle = self._accepted(client, goal)
         if handle is None or not handle.accepted:
             return None, "refused; the node's log says why" if handle else "no answer to the goal"
-        future = handle.get_result_async()
+        future = self._sent(handle.get_result_async)
+        if future is None:
+            return None, "the node does not send"
         done = threading.Event()
         future.add_done_callback(lambda _: done.set())
         give_up = time.monotonic() + ACTION_STRETCH * seconds
@@ -169,12 +171,22 @@ class Operator:
         """Send a goal until it is accepted: every node hears of a mode at its own time."""
         until_ns = self._intake.now_ns + round(1e9 * REFUSED_S)
         while True:
-            handle = self._answer(client.send_goal_async(goal))
+            sent = self._sent(lambda: client.send_goal_async(goal))
+            handle = None if sent is None else self._answer(sent)
             if handle is not None and (handle.accepted or self._intake.now_ns >= until_ns):
                 return handle
             if handle is None:
                 return None
             self.pause(RETRY_S)
+
+    def _sent(self, send: Callable[[], Any]) -> Any:
+        """Send an action client's request in the executor's thread; return its future.
+
+        rclpy notes it as pending only after it has been sent: from this thread, an answer that
+        comes at once would find nobody waiting.
+        """
+        executor = self._node.executor
+        return send() if executor is None else self._answer(executor.create_task(send))
 
     def _answer(self, future: Any) -> Any:
         """Wait for a service's answer; None if there is none in time."""
