@@ -56,9 +56,10 @@ class LimbControllerNode(ControlNode):
         self._cables = np.arange(geometry.cables, dtype=np.uint8)
         self._expected_limbs = self._cables.tobytes()
         self._state_dtype = state_layout.compiled_dtype
-        nothing = state_layout.read_array(state_layout.record().raw())
-        warm_limbs(self.rig, _sample_of(nothing[0], 0.0))
-        warm_loaded_step(self.rig, nothing.view(self._state_dtype), layout.record().compiled)
+        nothing = state_layout.record().raw()
+        warm_limbs(self.rig, _sample_of(state_layout.read(nothing), 0.0))
+        state = np.frombuffer(nothing, self._state_dtype, 1)
+        warm_loaded_step(self.rig, state, layout.record().compiled)
         self._loop = ControlLoop(
             self,
             self._state,
@@ -106,7 +107,7 @@ class LimbControllerNode(ControlNode):
         started = time.monotonic()
         mode, setpoint = self._present_mode(), self._hear_command()
         stamp_s = 1e-9 * self._state.stamp_ns
-        state = self._state.array.view(self._state_dtype)
+        state = np.frombuffer(self._state.laid_out, self._state_dtype, 1)
         answer = self._answer
         if not self._controller.step_loaded(stamp_s, mode, setpoint, state, answer.compiled):
             self._step_otherwise(mode, setpoint)

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import re
 from importlib import import_module
+from struct import Struct
 from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
+STAMP, STAMP_FIELD = Struct("<iI"), "header.stamp.sec"
 HEADER = b"\x00\x01\x00\x00"
 PRIMITIVES = {
     "boolean": "?",
@@ -84,6 +86,7 @@ class Layout:
                 "itemsize": end,
             }
         )
+        self._stamp_at = dict(zip(self._names, self._offsets, strict=True)).get(STAMP_FIELD, 0)
         self.compiled_dtype = _for_compiled_code(self.dtype)
         template = bytearray(end)
         fixed = np.zeros(end, dtype=np.bool_)
@@ -140,26 +143,30 @@ class Layout:
         return Record(self, self._template)
 
     def read(self, raw: bytes) -> Any:
-        """Return read_array's only record."""
-        return self.read_array(raw)[0]
-
-    def read_array(self, raw: bytes) -> Any:
         """View the numbers of a serialised message.
-
-        A message from elsewhere may have other strings or the other byte order: it is then
-        deserialised and laid out anew.
 
         Args:
             raw: as taken from DDS.
 
         Returns:
-            (1,) array of numpy records, fields by dotted name.
+            numpy record, fields by dotted name.
+
+        Raises:
+            LayoutError: if a sequence has another length, or the bytes are no such message.
+        """
+        return np.frombuffer(self.laid_out(raw), self.dtype, 1)[0]
+
+    def laid_out(self, raw: bytes) -> bytes:
+        """Return the bytes of a message in this layout: its own, as a rule.
+
+        A message from elsewhere may have other strings or the other byte order: it is then
+        deserialised and laid out anew.
 
         Raises:
             LayoutError: if a sequence has another length, or the bytes are no such message.
         """
         if self.matches(raw):
-            return np.frombuffer(raw, self.dtype, 1)
+            return raw
         try:
             message = deserialize_message(raw, self.msg_type)
         except Exception as error:
@@ -171,7 +178,12 @@ class Layout:
             for part in owner.split(".") if owner else []:
                 target = getattr(target, part)
             setattr(target, last, self._strings.get(name, ""))
-        return np.frombuffer(serialize_message(message), self.dtype, 1)
+        return bytes(serialize_message(message))
+
+    def stamp_of(self, laid_out: bytes) -> int:
+        """Header's time of a message in this layout [ns]."""
+        seconds, nanoseconds = STAMP.unpack_from(laid_out, self._stamp_at)
+        return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
     def matches(self, raw: bytes) -> bool:
         """Whether a message has just the lengths and strings of this layout."""
@@ -252,11 +264,6 @@ def _for_compiled_code(dtype: Any) -> Any:
             "itemsize": dtype.itemsize,
         }
     )
-
-
-def stamp_ns(record: Any) -> int:
-    """Time of a record's header [ns]."""
-    return int(record["header.stamp.sec"]) * 1_000_000_000 + int(record["header.stamp.nanosec"])
 
 
 def _align(offset: int, size: int) -> int:

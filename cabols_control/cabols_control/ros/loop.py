@@ -6,13 +6,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from cabols_control.ros.guarded_thread import GuardedThread
-from cabols_control.ros.layout import Layout, LayoutError, stamp_ns
+from cabols_control.ros.layout import Layout, LayoutError
 
 IDLE_NS = 50_000_000
 GAP_NS = 500_000
@@ -43,8 +44,7 @@ class Input:
     """The newest message of one topic, taken raw.
 
     Attributes:
-        record: newest valid message as a numpy record; None before the first.
-        array: (1,) array that holds it.
+        laid_out: newest valid message's bytes, in the layout; empty before the first.
         stamp_ns: its header stamp; -1 before the first.
         dds_sequence: its publication number.
         received_ns: when it was taken, time.monotonic_ns.
@@ -71,8 +71,8 @@ class Input:
         self._handle = self.subscription.handle
         # To ask an empty reader costs as much as to take: where one message waits at most, once.
         self._single = qos.depth == 1
-        self.record: Any = None
-        self.array: Any = None
+        self.laid_out = b""
+        self._record: Any = None
         self.stamp_ns = -1
         self.dds_sequence = 0
         self.received_ns = 0
@@ -80,6 +80,13 @@ class Input:
         self.lost = 0
         self.error = ""
         self.raw = b""
+
+    @property
+    def record(self) -> Any:
+        """Newest valid message as a numpy record; None before the first."""
+        if self._record is None and self.count:
+            self._record = np.frombuffer(self.laid_out, self._layout.dtype, 1)[0]
+        return self._record
 
     def strings(self) -> dict[str, str]:
         """Return the newest message's strings by dotted name; slow."""
@@ -112,13 +119,13 @@ class Input:
             self.lost += number - self.dds_sequence - 1
         self.dds_sequence = number
         try:
-            self.array = self._layout.read_array(raw)
+            self.laid_out = self._layout.laid_out(raw)
         except LayoutError as error:
             self.error = str(error)
             return False
         self.error = ""
-        self.record = self.array[0]
-        self.stamp_ns = stamp_ns(self.record)
+        self._record = None
+        self.stamp_ns = self._layout.stamp_of(self.laid_out)
         self.count += 1
         return True
 
