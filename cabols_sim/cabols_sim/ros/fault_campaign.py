@@ -20,9 +20,14 @@ from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
 from cabols_sim.ros.rig_watch import RigError, RigWatch
 
-ATTEMPTS = 5
+ATTEMPTS = 3
 """A trial whose rig could not be loaded, or was disturbed before the fault, is tried so often; then
-it is left for the next call."""
+the whole rig is started anew."""
+RIGS = 10
+"""So many rigs in a row without a single trial done, and the campaign gives up.
+
+After many kills the middleware may fail to discover a process that was started again.
+"""
 
 
 class Campaign:
@@ -34,7 +39,6 @@ class Campaign:
         self._todo = todo
         self._log = options.output / "trials.jsonl"
         self.failure = ""
-        self.skipped = 0
 
     def body(self, domain: int, pids: dict[str, int]) -> None:
         """Do the trials, then end the graph."""
@@ -61,7 +65,8 @@ class Campaign:
                 result = trials.run(kind, seed)
             except RigError as error:
                 print(f"{kind.name}, seed {seed}: {error}", flush=True)
-                self.skipped += attempt == ATTEMPTS
+                if attempt == ATTEMPTS:
+                    raise
                 if attempt > 1:
                     trials.renew()
                 continue
@@ -84,30 +89,31 @@ def main() -> int:
     log = options.output / "trials.jsonl"
     if options.fresh:
         log.unlink(missing_ok=True)
-    kinds = [kind for kind in KINDS if not options.only or options.only in kind.name]
-    done = {(trial["kind"], trial["seed"]) for trial in read_trials(log)}
-    todo = [
-        (kind, seed)
-        for seed in range(options.seeds)
-        for kind in kinds
-        if (kind.name, seed) not in done
-    ]
-    campaign = Campaign(options, todo)
-    if todo:
+    failure, barren = "", 0
+    while (todo := _todo(options, log)) and barren < RIGS:
         print(f"fault campaign: {len(todo)} trials, rig at {options.speed:g} of real time")
+        campaign = Campaign(options, todo)
         if not _run(options, campaign):
             print(f"interrupted; the trials done are in {log}")
             return 130
+        failure = campaign.failure
+        barren = barren + 1 if len(_todo(options, log)) == len(todo) else 0
     summary = summarise(read_trials(log), [kind.name for kind in KINDS])
     (options.output / "faults.json").write_text(json.dumps(summary, indent=2) + "\n", "utf-8")
     print(text(summary))
     print(f"  {options.output / 'faults.json'}")
-    if campaign.skipped:
-        print(f"{campaign.skipped} trials could not be made; call again to make them")
-    if campaign.failure:
-        print(f"error: {campaign.failure}", file=sys.stderr)
-        return 1
-    return 0 if holds(summary) and not campaign.skipped else 1
+    missing = len(_todo(options, log))
+    if missing:
+        print(f"error: {missing} trials could not be made: {failure}", file=sys.stderr)
+    return 0 if holds(summary) and not missing else 1
+
+
+def _todo(options: argparse.Namespace, log: Path) -> list[tuple[Kind, int]]:
+    """Trials that are still to be made."""
+    done = {(trial["kind"], trial["seed"]) for trial in read_trials(log)}
+    kinds = [kind for kind in KINDS if not options.only or options.only in kind.name]
+    every = [(kind, seed) for seed in range(options.seeds) for kind in kinds]
+    return [(kind, seed) for kind, seed in every if (kind.name, seed) not in done]
 
 
 def _run(options: argparse.Namespace, campaign: Campaign) -> bool:

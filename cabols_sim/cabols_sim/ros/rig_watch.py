@@ -252,9 +252,10 @@ class RigWatch:
             raise RigError(answer.message)
         return float(answer.message.rpartition(" at ")[2].removesuffix(" s"))
 
-    def bring_to(self, mode: OperatingMode, seconds: float = 90.0) -> None:
+    def bring_to(self, mode: OperatingMode) -> None:
         """Go to a mode from wherever the rig is, resetting a FAULT, tightening before LOADING."""
         said = ""
+        seconds = 10.0 + 20.0 / self._speed
 
         def there() -> bool:
             nonlocal said
