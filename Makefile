@@ -91,7 +91,7 @@ bench-console: setup  ## measure what the console costs the rig
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_console.py $(ARGS)
 
-faults: setup  ## break everything, 20 times each, in the loaded rig (two hours; goes on where it was)
+faults: setup  ## break everything, 20 times each, in the loaded rig (an hour; goes on where it was)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
 
 dynamics: setup  ## compute chapter 2, the 900 m case and the rig's vibration into build/dynamics

@@ -152,9 +152,9 @@ def _arguments() -> argparse.Namespace:
     add(
         "--speed",
         type=float,
-        default=0.3,
-        help="of the rig's time: slow motion keeps this computer's stalls out of the watchdogs of "
-        "10 ms (default: %(default)s)",
+        default=1.0,
+        help="of the rig's time: without real-time scheduling, slow motion (0.3) keeps this "
+        "computer's stalls out of the watchdogs of 10 ms (default: %(default)s)",
     )
     return parser.parse_args()
 
