@@ -80,6 +80,11 @@ def test_services_and_bad_messages():
             ),
             "all nodes running",
         )
+        # The supervisor finds the nodes at its own time.
+        watcher.wait(
+            lambda: "no report" not in ask(watcher, Mode.LOADING).message,
+            "the supervisor to hear all nodes",
+        )
         refused = ask(watcher, Mode.LOADING)
         assert not refused.success
         assert "PRETIGHTENING" in refused.message
