@@ -42,13 +42,14 @@ def limb_law_into(
     for i in range(gains.shape[0]):
         velocity = (position[i] - state[i, 1]) / dt_s
         increment = (velocity_reference[i] - velocity) * dt_s
-        wanted = gains[i, 0] * (state[i, 0] + increment) - gains[i, 1] * velocity
-        # Anti-windup by conditional integration: the integral stands still while the limit holds
-        # and the increment would push further beyond it.
-        if abs(wanted) > current_limit and wanted * increment > 0.0:
-            wanted = gains[i, 0] * state[i, 0] - gains[i, 1] * velocity
-        else:
-            state[i, 0] += increment
+        integral = state[i, 0] + increment
+        wanted = gains[i, 0] * integral - gains[i, 1] * velocity
+        excess = (wanted - min(max(wanted, -current_limit), current_limit)) / gains[i, 0]
+        # Anti-windup: the integral goes on only as far as the current reaches its limit.
+        if excess * increment > 0.0:
+            integral -= excess if abs(excess) < abs(increment) else increment
+            wanted = gains[i, 0] * integral - gains[i, 1] * velocity
+        state[i, 0] = integral
         state[i, 1] = position[i]
         current[i] = min(max(wanted, -current_limit), current_limit)
     return True

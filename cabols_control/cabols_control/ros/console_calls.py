@@ -22,6 +22,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from cabols_control.console.desk import Answer
 from cabols_control.console.mailbox import NOTICE, WARNING, Mailbox
+from cabols_control.ros.executor_thread import hand_over
 
 ANSWER_S = 5.0
 SERVICES: dict[str, tuple[Any, str]] = {
@@ -89,20 +90,25 @@ class Calls:
             return Answer(False, f"{action} is under way")
         self._set(action, busy=True, progress=0.0, text="asked")
         goal = kind.Goal(**fields)
-        sent = await self._send(
-            lambda: client.send_goal_async(goal, lambda heard: self._hear(action, heard.feedback))
+        sending = hand_over(
+            self._node,
+            lambda: client.send_goal_async(goal, lambda heard: self._hear(action, heard.feedback)),
         )
         try:
-            handle = await self._arrive(sent)
+            handle = await self._arrive(await self._arrive(sending))
         except asyncio.TimeoutError:
-            sent.add_done_callback(lambda late: self._begin_late(action, late))
+            sending.add_done_callback(
+                lambda late: late.result().add_done_callback(
+                    lambda answer: self._begin_late(action, answer)
+                )
+            )
             self._set(action, busy=False, progress=0.0, text=f"no answer within {ANSWER_S:g} s")
             return Answer(False, f"{action}: no answer within {ANSWER_S:g} s")
         if not handle.accepted:
             text = "refused: the log says why"
             self._set(action, busy=False, progress=0.0, text=text)
             return Answer(False, text)
-        self._follow(action, handle, await self._send(handle.get_result_async))
+        self._follow(action, handle)
         return Answer(True, "accepted")
 
     async def cancel(self, action: str) -> Answer:
@@ -111,29 +117,11 @@ class Calls:
         if handle is None:
             return Answer(False, f"{action} is not under way")
         try:
-            response = await self._arrive(await self._send(handle.cancel_goal_async))
+            sending = hand_over(self._node, handle.cancel_goal_async)
+            response = await self._arrive(await self._arrive(sending))
         except asyncio.TimeoutError:
             return Answer(False, f"{action}: no answer within {ANSWER_S:g} s")
         return Answer(bool(response.goals_canceling), "cancelling")
-
-    async def _send(self, send: Callable[[], Future]) -> Future:
-        """Send an action client's request from the executor's thread; return its future.
-
-        rclpy notes it as pending only after it has been sent: from another thread, an answer that
-        comes at once would find nobody waiting.
-        """
-        executor = self._node.executor
-        if executor is None:
-            return send()
-        loop = asyncio.get_running_loop()
-        sent: asyncio.Future[Future] = loop.create_future()
-
-        def in_executor() -> None:
-            found = send()
-            loop.call_soon_threadsafe(sent.set_result, found)
-
-        executor.create_task(in_executor)
-        return await sent
 
     async def _arrive(self, future: Future) -> Any:
         """Await a future of rclpy in asyncio.
@@ -152,11 +140,14 @@ class Calls:
         handle = sent.result()
         if handle is not None and handle.accepted:
             self._set(action, busy=True, text="accepted late")
-            self._follow(action, handle, handle.get_result_async())
+            self._follow(action, handle)
 
-    def _follow(self, action: str, handle: Any, result: Future) -> None:
+    def _follow(self, action: str, handle: Any) -> None:
         self._handles[action] = handle
-        result.add_done_callback(lambda done: self._end(action, done))
+        asking = hand_over(self._node, handle.get_result_async)
+        asking.add_done_callback(
+            lambda asked: asked.result().add_done_callback(lambda done: self._end(action, done))
+        )
 
     def _end(self, action: str, done: Future) -> None:
         self._handles.pop(action, None)

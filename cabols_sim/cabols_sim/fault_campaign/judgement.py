@@ -9,6 +9,8 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 
+SAFE_WITHIN_S = 0.05
+"""So soon after its detection every fault must be safe."""
 CARD_WATCHDOG_S = 0.010
 GAP_S = 0.020
 """A longer gap between samples means that the bridge itself stood still."""
@@ -72,6 +74,11 @@ class TrialResult:
     peak_tension_n: float
     peak_force_n: float
     peak_torque_nm: float
+
+    @property
+    def safe_in_time(self) -> bool:
+        """Whether it was detected and safe within SAFE_WITHIN_S of that."""
+        return self.detected and self.safe_time_s <= SAFE_WITHIN_S
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; what never happened is None."""

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from cabols_sim.fault_campaign.judgement import SAFE_WITHIN_S
+
 PEAK_TENSION_N = 150.0
-SAFE_WITHIN_S = 0.05
 
 
 def read_trials(path: Path) -> list[dict[str, Any]]:

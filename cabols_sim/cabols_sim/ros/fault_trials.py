@@ -13,7 +13,7 @@ import numpy as np
 
 from cabols_control.modes import OperatingMode
 from cabols_control.programs import CSV_HEADER
-from cabols_sim.fault_campaign.judgement import Report, TrialResult, judge
+from cabols_sim.fault_campaign.judgement import Report, TrialData, TrialResult, judge
 from cabols_sim.fault_campaign.kinds import Kind
 from cabols_sim.ros.rig_watch import RigError, RigWatch
 
@@ -67,7 +67,18 @@ class Trials:
         self._watch_out(kind, fault_s)
         data = watch.trial(fault_s)
         self._mend(kind)
-        return judge(kind.name, seed, data)
+        result = judge(kind.name, seed, data)
+        if not result.safe_in_time:
+            self._keep(result, data)
+        return result
+
+    def _keep(self, result: TrialResult, data: TrialData) -> None:
+        """Save what was recorded of a trial that failed, for whoever looks for the reason."""
+        path = self._folder / f"{result.kind.replace(' ', '_').replace(':', '')}_{result.seed}.npz"
+        arrays = {"time": data.time, "tension": data.tension, "current": data.current}
+        reports = [f"{r.stamp_s:.6f} {r.node}: {r.reason}" for r in data.reports]
+        np.savez_compressed(path, fault_s=data.fault_s, reports=reports, **arrays)
+        print(f"  not safe in time; what was recorded is in {path}", flush=True)
 
     def _load(self, random: np.random.Generator) -> Any:
         """Bring the rig under load from whatever state it is in."""

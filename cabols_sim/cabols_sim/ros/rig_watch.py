@@ -23,6 +23,7 @@ from cabols_control.errors import CabolsError
 from cabols_control.geometry import load_geometry
 from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
+from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Input, make_wait_set, wait_for
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from cabols_sim.fault_campaign.judgement import Report, TrialData
@@ -235,12 +236,8 @@ class RigWatch:
         raise RigError(f"no answer of {client.srv_name} within {seconds:g} s")
 
     def _ask(self, send: Callable[[], Any], what: str, seconds: float) -> Any:
-        """Send an action's request from the executor's thread; return the answer.
-
-        rclpy notes a request as pending only after it has been sent: from another thread an answer
-        that comes at once would find nobody waiting.
-        """
-        task = self._executor.create_task(send)
+        """Send an action's request; return the answer."""
+        task = hand_over(self._node, send)
         self.wait(lambda: task.done() and task.result().done(), what, seconds)
         return task.result().result()
 

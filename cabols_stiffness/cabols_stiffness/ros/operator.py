@@ -12,6 +12,7 @@ from cabols_msgs.srv import SetMode
 from rclpy.action import ActionClient
 
 from cabols_control.modes import OperatingMode
+from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.node import ControlNode
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.ros.intake import Intake
@@ -180,13 +181,8 @@ class Operator:
             self.pause(RETRY_S)
 
     def _sent(self, send: Callable[[], Any]) -> Any:
-        """Send an action client's request in the executor's thread; return its future.
-
-        rclpy notes it as pending only after it has been sent: from this thread, an answer that
-        comes at once would find nobody waiting.
-        """
-        executor = self._node.executor
-        return send() if executor is None else self._answer(executor.create_task(send))
+        """Send an action client's request; return its future, None if that takes too long."""
+        return self._answer(hand_over(self._node, send))
 
     def _answer(self, future: Any) -> Any:
         """Wait for a service's answer; None if there is none in time."""
