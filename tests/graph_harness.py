@@ -14,6 +14,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
+from cabols_control.graph import ONE_BLAS_THREAD
 from cabols_control.processes import Ended
 from cabols_control.ros import topics
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
@@ -28,7 +29,7 @@ def next_environment() -> dict[str, str]:
     return {
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "OPENBLAS_NUM_THREADS": "1",
+        **ONE_BLAS_THREAD,
     }
 
 

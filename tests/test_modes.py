@@ -205,6 +205,31 @@ def test_a_fault_at_rest_keeps_the_rig_there_while_it_lasts():
     assert core.request(PRETIGHTENING, 1.1).allowed
 
 
+def test_an_overload_at_rest_leaves_free_moving_as_the_way_out():
+    core = supervised()
+    core.hear_state(1.0, READY)
+    overload = "sensor_saturated: force/torque sensor: force x is 170 N"
+    core.hear_report("plant", 1.0, False, overload)
+    refused = core.request(PRETIGHTENING, 1.0)
+    assert refused.reason == f"plant: {overload}; FREE_MOVING takes a load off"
+    assert core.request(FREE, 1.0).allowed
+    # What the bridge said before it heard of the mode does not stop the rig again...
+    core.hear_state(1.1, READY)
+    core.hear_report("plant", 1.1, False, overload)
+    assert core.mode == FREE
+    # ...what it says long after does, as does every other complaint.
+    core.hear_state(3.0, READY)
+    core.hear_report("plant", 3.0, False, overload)
+    assert core.mode == FAULT
+
+
+def test_another_fault_at_rest_keeps_free_moving_shut_too():
+    core = supervised()
+    core.hear_state(1.0, READY)
+    core.hear_report("plant", 1.0, False, "sensor_flat: gauge 3")
+    assert not core.request(FREE, 1.0).allowed
+
+
 def load(core, now_s):
     """Bring a supervised core to LOADING; returns the time then."""
     core.hear_state(now_s, READY)

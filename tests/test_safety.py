@@ -130,6 +130,57 @@ def test_pretightening_after_a_cut_is_no_fault(loaded):
     assert loaded.plant.tension.max() < 12.0
 
 
+def overload_at_rest(bench):
+    """Cut, reset, and let the robot move until the gears hold more than the sensor can tell."""
+    bench.plant.inject("encoder_jump", 2)
+    bench.run(0.1)
+    assert bench.guard.fault.name == "encoder"
+    bench.plant.inject("none")
+    bench.mode = OperatingMode.STOPPED
+    bench.run(0.05)
+    bench.plant.inject("platform_runs", -1, 0.05)
+    while not bench.bridge.saturation and bench.plant.tension.max() < 140.0:
+        bench.cycle()
+    bench.plant.inject("none")
+    bench.run(0.05)
+    assert bench.guard.fault.name == "sensor_saturated"
+
+
+def test_free_moving_takes_an_overload_off(loaded):
+    overload_at_rest(loaded)
+    highest = loaded.plant.tension.max()
+    began_s = loaded.now_s
+    loaded.mode = OperatingMode.FREE_MOVING
+    loaded.run(2.5)
+    assert loaded.guard.fault is None
+    assert loaded.since(began_s)[1].max() < highest + 2.0
+    assert loaded.plant.tension.max() < 15.0
+    assert not loaded.bridge.saturation
+    loaded.run(1.0)
+    assert loaded.guard.fault is None
+
+
+def test_an_overload_that_stays_is_a_fault_again(loaded):
+    overload_at_rest(loaded)
+    loaded.plant.inject("gauge_saturated", -1, 1.0)
+    loaded.mode = OperatingMode.FREE_MOVING
+    loaded.run(2.9)
+    assert loaded.guard.fault is None
+    loaded.run(0.2)
+    assert loaded.guard.fault.name == "sensor_saturated"
+
+
+def test_a_new_overload_in_free_moving_is_a_fault_at_once(loaded):
+    loaded.mode = OperatingMode.STOPPED
+    loaded.run(0.05)
+    loaded.mode = OperatingMode.FREE_MOVING
+    loaded.run(0.05)
+    assert loaded.guard.fault is None
+    loaded.plant.inject("gauge_saturated", -1, 1.0)
+    loaded.run(0.01)
+    assert loaded.guard.fault.name == "sensor_saturated"
+
+
 def test_motor_jam_is_found_when_the_load_changes(loaded):
     loaded.plant.inject("motor_jam", limb_of(loaded, HIGH))
     loaded.desired = LOAD * 0.3

@@ -8,6 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
+"""For every node's environment: the matrices are tiny, and two cores carry the whole graph."""
+
 
 @dataclass(frozen=True)
 class NodeSpec:

@@ -32,6 +32,9 @@ MOVING = (
 UNATTENDED = "unattended"
 """How the reason begins of a mode that was entered because no operator's console answers."""
 
+OVERLOAD = "sensor_saturated"
+"""How a bridge's complaint begins of a load that is beyond the sensor: FREE_MOVING takes it off."""
+
 LOADED = (OperatingMode.LOADING, OperatingMode.UNLOADING)
 """Modes in which the tensions are the wrench's, or on their way down from it."""
 

@@ -7,10 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
-from cabols_control.modes import MOVING, Condition, ModeMachine, OperatingMode, Verdict
+from cabols_control.modes import (
+    MOVING,
+    OVERLOAD,
+    Condition,
+    ModeMachine,
+    OperatingMode,
+    Verdict,
+)
 
 EMERGENCY = "emergency stop"
 """How the reason of a FAULT begins that came from the service, or a button: everything is cut."""
+
+RELIEF_S = 1.0
+"""So long after FREE_MOVING has begun, reports may still tell of the overload that it takes off."""
 
 FORGET_S = 0.1
 """So long after PRETIGHTENING has begun, limb states may still tell of the zeros before it."""
@@ -120,13 +130,16 @@ class Supervision:
         A fault stops what moves, latched. At rest there is nothing to stop: the fault only keeps
         the rig from moving while it lasts.
         """
-        if running:
+        overload = fault.startswith(OVERLOAD)
+        if running or overload:
             self._reports[node] = now_s
         if not fault:
             self._complaints.pop(node, None)
             return
         self._complaints[node] = fault
-        if self.mode in MOVING:
+        young = self._newest_s - self._entered_s < RELIEF_S
+        relieved = overload and self.mode == OperatingMode.FREE_MOVING and young
+        if self.mode in MOVING and not relieved:
             self._machine.fault(f"{node}: {fault}")
 
     def check_silence(self, now_s: float) -> None:
@@ -147,8 +160,12 @@ class Supervision:
         if wanted in MOVING:
             # A node with a complaint does not count as running: the complaint says more.
             for node, complaint in self._complaints.items():
+                overload = complaint.startswith(OVERLOAD)
+                if overload and wanted == OperatingMode.FREE_MOVING:
+                    continue
                 if self.mode != OperatingMode.FAULT:
-                    return Verdict(False, f"{node}: {complaint}")
+                    way_out = "; FREE_MOVING takes a load off" if overload else ""
+                    return Verdict(False, f"{node}: {complaint}{way_out}")
             silent = self._silent(now_s)
             if silent:
                 return Verdict(False, f"no report from {', '.join(silent)}: not running?")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.modes import LOADED, MOVING, OperatingMode
+from cabols_control.modes import LOADED, MOVING, OVERLOAD, OperatingMode
 from cabols_control.rig import Rig
 from cabols_hw import safety_rules as rules
 from cabols_hw.bridge import SATURATED_VOLTS, Bridge
@@ -68,6 +68,7 @@ class SafetyEnvelope:
         self._observed = np.zeros(n)
         self._began = np.full(n, np.nan)
         self._pretightening = False
+        self._relief_left_s = 0.0
         self._lowest_force = np.inf
         self._since = np.zeros((rules.SINCE_ROWS, n))
         self._since_apart = np.zeros(1)
@@ -95,7 +96,8 @@ class SafetyEnvelope:
         dt_s = now_s - self._last_s
         self._last_s = now_s
         fault = self._find(now_s, dt_s, bridge, mode)
-        if mode == OperatingMode.STOPPED and not same_kind(self.fault, fault):
+        anew = mode == OperatingMode.STOPPED or self._relieves(mode)
+        if anew and not same_kind(self.fault, fault):
             self.fault = None
         self.fault = self.fault or fault
         return self.fault
@@ -133,13 +135,32 @@ class SafetyEnvelope:
                 )
         self._note_pretightening(bridge, mode)
         sensor = self._judge_sensor(dt_s, bridge)
+        if not moving:
+            self._note_overload(sensor, bridge)
         if not moving or not dt_s > 0.0:
             return sensor
         dt_s = min(dt_s, LONGEST_STEP_S)
+        self._relief_left_s -= dt_s
+        relieves = self._relieves(mode)
+        if relieves and sensor is not None and sensor.name == OVERLOAD:
+            sensor = None
         found = self._judge_limbs(dt_s, bridge) or sensor or self._judge_pose(now_s, mode)
-        if found is None and bridge.tared:
+        if found is None and bridge.tared and not relieves:
             found = self._judge_wrench(dt_s, bridge, mode)
         return found
+
+    def _note_overload(self, sensor: Fault | None, bridge: Bridge) -> None:
+        """At rest: whether a load that the gears hold is beyond the sensor's limits."""
+        beyond = bridge.tared and bool((np.abs(bridge.wrench) > self._wrench_max).any())
+        overloaded = beyond or (sensor is not None and sensor.name == OVERLOAD)
+        self._relief_left_s = self._config.relief_time if overloaded else 0.0
+
+    def _relieves(self, mode: OperatingMode) -> bool:
+        """Whether FREE_MOVING is taking off an overload that it found: the way out of one.
+
+        It lowers the tensions by encoders and switches, and their limits hold all the time.
+        """
+        return mode == OperatingMode.FREE_MOVING and self._relief_left_s > 0.0
 
     def _note_pretightening(self, bridge: Bridge, mode: OperatingMode) -> None:
         """Remember where the limbs were when PRETIGHTENING began."""

@@ -37,6 +37,7 @@ class SafetyConfig:
         motion_current: part of the current that the motor's motion does not explain [A].
         motion_time: for so long [s].
         sensor_flat: a gauge may show the same number for so long [s]; 0: for ever.
+        relief_time: FREE_MOVING may take so long to take an overload off that it found [s].
     """
 
     wrench_max: list[float]
@@ -60,6 +61,7 @@ class SafetyConfig:
     motion_current: float = 0.3
     motion_time: float = 0.03
     sensor_flat: float = 0.2
+    relief_time: float = 3.0
 
     def __post_init__(self) -> None:
         """Check lengths and signs."""
@@ -88,6 +90,7 @@ class SafetyConfig:
             "encoder_jump",
             "motion_current",
             "motion_time",
+            "relief_time",
         ):
             in_range(name, getattr(self, name), 1e-4, 1e6)
         in_range("sensor_flat", self.sensor_flat, 0.0, 1e3)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cabols_control.graph import NodeSpec, Ports, bench_graph, with_arguments
+from cabols_control.graph import ONE_BLAS_THREAD, NodeSpec, Ports, bench_graph, with_arguments
 from cabols_control.processes import Ended, run
 from cabols_control.realtime import may_limit_wake_up, may_use_fifo
 
@@ -26,8 +26,7 @@ def isolated_environment() -> dict[str, str]:
     return {
         "ROS_DOMAIN_ID": domain,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        # One BLAS thread: the matrices are tiny, and two cores carry the whole graph.
-        "OPENBLAS_NUM_THREADS": "1",
+        **ONE_BLAS_THREAD,
     }
 
 

@@ -15,7 +15,6 @@ from std_srvs.srv import Trigger
 from cabols_control.attendance import Attendance
 from cabols_control.modes import MOVING
 from cabols_control.ros import topics
-from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.layout import Layout
 from cabols_control.ros.live import live_name, live_qos
 from cabols_control.ros.loop import ControlLoop, Input, Output
@@ -145,8 +144,7 @@ class SupervisorNode(ControlNode):
 
     def _publish(self) -> None:
         if self._changed():
-            line = f"mode {self._core.mode.name}: {self._core.reason}"
-            hand_over(self, lambda: self.get_logger().info(line))
+            self.status.log.info(f"mode {self._core.mode.name}: {self._core.reason}")
         self._published = (int(self._core.mode), self._core.reason)
         record = topics.mode_layout(self._core.reason).record()
         record.stamp(int(1e9 * self._now_s()) if not self.paced else self._state.stamp_ns)

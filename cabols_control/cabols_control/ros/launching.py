@@ -12,7 +12,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from cabols_control.graph import ARGUMENTS, NodeSpec, with_arguments
+from cabols_control.graph import ARGUMENTS, ONE_BLAS_THREAD, NodeSpec, with_arguments
 
 
 def arguments(kind: str) -> list[Any]:
@@ -45,6 +45,7 @@ def launch_nodes(graph: Sequence[NodeSpec], values: dict[str, Any]) -> list[Any]
             arguments=spec.option_list(),
             parameters=[spec.parameters] if spec.parameters else [],
             output="screen",
+            additional_env=ONE_BLAS_THREAD,
         )
         end = EmitEvent(event=Shutdown(reason=f"{spec.executable} ended"))
         actions += [

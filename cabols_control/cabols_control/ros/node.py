@@ -15,8 +15,8 @@ from cabols_control.errors import CabolsError
 from cabols_control.realtime import apply_scheduling, collect_young, freeze_garbage, give_back
 from cabols_control.ros import topics
 from cabols_control.ros.diagnostics import Diagnostics
-from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Output
+from cabols_control.ros.loop_log import LoopLog
 from cabols_control.ros.parameters import (
     declare,
     declare_lockstep,
@@ -34,7 +34,11 @@ READERS_PATIENCE_S = 60.0
 
 
 class Status:
-    """Counters of one loop, published as LoopStatus every 100 cycles and when the state changes."""
+    """Counters of one loop, published as LoopStatus every 100 cycles and when the state changes.
+
+    Attributes:
+        log: for whatever the loop has to say.
+    """
 
     def __init__(self, node: Node, lockstep: bool) -> None:
         """Advertise loop_status."""
@@ -43,8 +47,7 @@ class Status:
         self._lockstep = lockstep
         self._layouts = {"": topics.loop_status_layout(self._name, "")}
         self._reported: tuple[int, str] = (-1, "")
-        self._node = node
-        self._logger = node.get_logger()
+        self.log = LoopLog(node)
         self.cycles = 0
         self.lost = 0
         self.late = 0
@@ -82,17 +85,11 @@ class Status:
         counted = ("cycles", "lost", "late", "infeasible")
         return max(state, WAITING), reason, {name: getattr(self, name) for name in counted}
 
-    def announce(self) -> None:
-        """Say that the loop begins; the first line of a process's log takes 20 ms and more."""
-        self._logger.info("running")
-
     def _log(self, state: int, reason: str) -> None:
-        # A terminal or a disk may keep the writer waiting: not the loop's thread. Each severity
-        # from a line of its own, as rclpy tells a logger's callers apart by that.
         if state == FAULT:
-            hand_over(self._node, lambda: self._logger.error(reason))
+            self.log.error(reason)
         elif self._reported[0] == FAULT:
-            hand_over(self._node, lambda: self._logger.info("fault cleared"))
+            self.log.info("fault cleared")
 
     def output(self) -> Output:
         """Return the publisher, for the count of its readers."""
@@ -141,7 +138,7 @@ class ControlNode(Node):
         """Run in the control thread before its first cycle: readers, scheduling, garbage."""
         self._wait_for_readers()
         self.apply_scheduling()
-        self.status.announce()
+        self.status.log.warm_up("running")
         freeze_garbage()
         self._compiled = specialisations()
 

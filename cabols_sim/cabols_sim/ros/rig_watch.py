@@ -273,7 +273,7 @@ class RigWatch:
         except RigError as error:
             raise RigError(f"{error}; last answer: {said}") from error
 
-    def run_program(self, path: str, seconds: float = 20.0) -> Any:
+    def run_program(self, path: str, seconds: float = 5.0) -> Any:
         """Start a load programme; return the goal's handle."""
         if not self._program.wait_for_server(timeout_sec=seconds):
             raise RigError(f"no action run_program within {seconds:g} s")
