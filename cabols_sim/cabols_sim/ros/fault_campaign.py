@@ -18,11 +18,13 @@ from cabols_sim.bench_run import isolated_environment, real_time_arguments, run_
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
-from cabols_sim.ros.rig_watch import RigError, RigWatch
+from cabols_sim.ros.rig_watch import AbandonedError, RigError, RigWatch
 
 ATTEMPTS = 3
 """A trial whose rig could not be loaded, or was disturbed before the fault, is tried so often; then
 the whole rig is started anew."""
+PATIENCE_S = 15.0
+"""After Ctrl-C a trial may take so long to end."""
 RIGS = 10
 """So many rigs in a row without a single trial done, and the campaign gives up.
 
@@ -38,11 +40,13 @@ class Campaign:
         self._options = options
         self._todo = todo
         self._log = options.output / "trials.jsonl"
+        self._watch: RigWatch | None = None
+        self._abandoned = False
         self.failure = ""
 
     def body(self, domain: int, pids: dict[str, int]) -> None:
         """Do the trials, then end the graph."""
-        watch = RigWatch(domain, self._options.speed)
+        watch = self._watch = RigWatch(domain, self._options.speed)
         trials = Trials(watch, pids, self._options.speed, self._options.output)
         began = time.monotonic()
         try:
@@ -55,9 +59,18 @@ class Campaign:
                 print(f"  {number}/{len(self._todo)}, {left / 60.0:.0f} min left", flush=True)
         except RigError as error:
             self.failure = str(error)
+        except AbandonedError:
+            pass
         finally:
             watch.close()
-            os.kill(os.getpid(), signal.SIGTERM)
+            if not self._abandoned:
+                os.kill(os.getpid(), signal.SIGTERM)
+
+    def abandon(self) -> None:
+        """Let body end at once, from another thread; the graph has ended."""
+        self._abandoned = True
+        if self._watch is not None:
+            self._watch.abandon()
 
     def _trial(self, trials: Trials, kind: Kind, seed: int) -> None:
         for attempt in range(1, ATTEMPTS + 1):
@@ -139,7 +152,11 @@ def _run(options: argparse.Namespace, campaign: Campaign) -> bool:
     }
     restart_s = RESTART_S / options.speed
     run_bench(values, lambda *_: None, log, environment, start, respawn_s=restart_s)
-    return finished.wait(10.0)
+    if finished.wait(2.0):
+        return True
+    campaign.abandon()
+    finished.wait(PATIENCE_S)
+    return False
 
 
 def _arguments() -> argparse.Namespace:

@@ -41,6 +41,10 @@ class RigError(CabolsError):
     """The rig did not do what was asked, in time."""
 
 
+class AbandonedError(Exception):
+    """The watch was abandoned: whatever is under way ends, and is not tried again."""
+
+
 def _seconds(message: Any) -> float:
     return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
@@ -63,6 +67,7 @@ class RigWatch:
             "rig_watch", namespace=topics.NAMESPACE, context=self._context
         )
         self._lock = threading.Lock()
+        self._abandoned = threading.Event()
         self._states: list[tuple[float, FloatArray, FloatArray]] = []
         self._wrenches: list[tuple[float, FloatArray]] = []
         self._reports: list[Report] = []
@@ -101,6 +106,10 @@ class RigWatch:
         with suppress(ExternalShutdownException):
             while self._context.ok():
                 self._executor.spin_once(timeout_sec=0.2)
+
+    def abandon(self) -> None:
+        """Let whoever waits now, or later, get an AbandonedError; for another thread."""
+        self._abandoned.set()
 
     def close(self) -> None:
         """Leave."""
@@ -208,9 +217,12 @@ class RigWatch:
 
         Raises:
             RigError: after `seconds`, naming what was waited for and the rig's mode.
+            AbandonedError: if the watch is abandoned.
         """
         give_up = time.monotonic() + seconds
         while not condition():
+            if self._abandoned.is_set():
+                raise AbandonedError
             if time.monotonic() > give_up:
                 mode = self.mode.name if self.mode is not None else "unknown"
                 raise RigError(
