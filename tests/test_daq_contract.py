@@ -274,6 +274,28 @@ def test_reading_a_little_late_is_counted(clocked):
     assert clocked.daq.late == 1
 
 
+def test_a_simulated_sample_is_of_its_own_instant(rig, card, plant_config, monkeypatch):
+    """As on the hardware its clock takes it, not its reader, who may come after the next write."""
+    bench = SimulatedInRealTime(rig, card, plant_config, monkeypatch)
+    bench.daq.read()
+    bench.see_counts(np.full(N, 100))
+    bench.pause(MS + MS // 5)
+    bench.daq.write(np.zeros(N))
+    bench.see_counts(np.full(N, 200))
+    np.testing.assert_array_equal(bench.daq.read().encoders, 100)
+    np.testing.assert_array_equal(bench.daq.read().encoders, 200)
+
+
+def test_who_reads_far_too_late_finds_the_newest_samples(rig, card, plant_config, monkeypatch):
+    bench = SimulatedInRealTime(rig, card, plant_config, monkeypatch)
+    first = bench.daq.read()
+    bench.pause(500 * MS + MS // 4)
+    bench.daq.write(np.zeros(N))
+    second = bench.daq.read()
+    assert second.time_ns - first.time_ns == 500 * MS
+    assert bench.daq.read().time_ns - second.time_ns == MS
+
+
 def test_reader_that_fell_behind_skips_to_the_newest(clocked):
     first = clocked.daq.read()
     clocked.pause(20 * MS + MS // 4)

@@ -119,9 +119,28 @@ def test_nan_wound_length_at_rest_is_survived(controller):
 def test_repeated_or_older_state_changes_nothing(controller):
     controller.step(loaded(1.000), OperatingMode.LOADING, setpoint(1.0, 30.0))
     before = controller.step(loaded(1.001), OperatingMode.LOADING, setpoint(1.0, 30.0)).copy()
-    for stamp in (1.001, 0.5, np.nan):
+    for stamp in (1.001, 0.999, np.nan):
         after = controller.step(loaded(stamp), OperatingMode.LOADING, setpoint(1.0, 30.0))
         np.testing.assert_array_equal(after, before)
+
+
+def test_clock_that_is_set_back_stops_until_stopped(controller):
+    """As of a bridge that was restarted: an old current must not stay for as long as that."""
+    load = OperatingMode.LOADING
+    controller.step(loaded(1000.0), load, setpoint(1000.0, 30.0))
+    assert controller.step(loaded(1000.001), load, setpoint(1000.0, 30.0)).any()
+    assert not controller.step(loaded(5.0), load, setpoint(5.0, 30.0)).any()
+    assert "went back by 995 s" in controller.fault
+    assert not controller.step(loaded(5.001), load, setpoint(5.0, 30.0)).any()
+    controller.step(loaded(5.002), OperatingMode.STOPPED, None)
+    assert not controller.fault
+    controller.step(loaded(5.003), load, setpoint(5.003, 30.0))
+    assert controller.step(loaded(5.004), load, setpoint(5.004, 30.0)).any()
+
+
+def test_command_from_the_future_is_stale(controller):
+    controller.step(loaded(1.0), OperatingMode.LOADING, setpoint(9.0, 30.0))
+    assert "stale: -8000.0 ms old" in controller.fault
 
 
 def test_gap_restarts_without_a_bump(controller):

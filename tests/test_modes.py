@@ -230,6 +230,20 @@ def test_another_fault_at_rest_keeps_free_moving_shut_too():
     assert not core.request(FREE, 1.0).allowed
 
 
+def test_clock_that_is_set_back_is_a_fault_and_forgets_reports():
+    core = supervised()
+    report_all(core, 1000.0)
+    load(core, 1000.0)
+    core.hear_state(5.0, READY)
+    assert core.mode == FAULT
+    assert "went back by 995 s" in core.reason
+    assert core.reset().allowed
+    assert "no report from" in core.request(PRETIGHTENING, 5.0).reason
+    report_all(core, 5.0)
+    load(core, 5.0)
+    assert core.mode == LOADING
+
+
 def load(core, now_s):
     """Bring a supervised core to LOADING; returns the time then."""
     core.hear_state(now_s, READY)

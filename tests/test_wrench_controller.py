@@ -81,6 +81,21 @@ def test_stale_reference_unloads_at_the_set_rate(controller, rig):
     np.testing.assert_array_equal(seen[held], desired)
 
 
+def test_clock_that_is_set_back_gives_the_load_up(controller):
+    desired = np.array([50.0, 0.0, 0.0, 0.0, 3.0, 0.0])
+    wanted = DesiredWrench(1000.0, desired)
+    controller.step(1000.0, np.zeros(6), LOADING, wanted)
+    controller.step(1000.001, np.zeros(6), LOADING, wanted)
+    assert controller.active
+    controller.step(5.0, np.zeros(6), LOADING, wanted)
+    assert not controller.active
+    assert "went back by 995 s" in controller.fault
+    controller.step(5.001, np.zeros(6), OperatingMode.STOPPED, None)
+    controller.step(5.002, np.zeros(6), LOADING, wanted)
+    assert controller.active
+    assert not controller.desired.any(), "a wish from the future does not count"
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_bad_samples_are_skipped_then_fatal(controller, bad):
     run(controller, np.zeros(6), np.zeros(6), 10)

@@ -143,7 +143,9 @@ class LimbController:
             STOPPED. The same array at every call.
         """
         dt_s = sample.stamp_s - self._last_stamp
-        if not dt_s > 0.0:
+        if dt_s < -LONGEST_STEP_S:
+            self.trip(f"limb_state's clock went back by {-dt_s:.3g} s: was the bridge restarted?")
+        elif not dt_s > 0.0:
             return self.current
         self._last_stamp = sample.stamp_s
         if mode == OperatingMode.STOPPED:
@@ -199,7 +201,8 @@ class LimbController:
         if self.fault or self.excitation is not None or setpoint is None or not self._all:
             return False
         dt_s = stamp_s - self._last_stamp
-        if not 0.0 < dt_s <= LONGEST_STEP_S or not stamp_s - setpoint.stamp_s <= self._timeout:
+        age_s = abs(stamp_s - setpoint.stamp_s)
+        if not 0.0 < dt_s <= LONGEST_STEP_S or not age_s <= self._timeout:
             return False
         control = self._control
         usual = loaded_step_into(
@@ -224,7 +227,8 @@ class LimbController:
         if setpoint is None:
             return "no tension_command has arrived: is the wrench controller running?"
         age = sample.stamp_s - setpoint.stamp_s
-        if not age <= self._timeout:
+        # A command from the future is no fresher: a clock was set back.
+        if not abs(age) <= self._timeout:
             return (
                 f"tension_command is stale: {1e3 * age:.1f} ms old, "
                 f"{1e3 * self._timeout:.1f} ms allowed"

@@ -44,14 +44,13 @@ def limb_law_into(
         increment = (velocity_reference[i] - velocity) * dt_s
         integral = state[i, 0] + increment
         wanted = gains[i, 0] * integral - gains[i, 1] * velocity
-        excess = (wanted - min(max(wanted, -current_limit), current_limit)) / gains[i, 0]
+        current[i] = min(max(wanted, -current_limit), current_limit)
         # Anti-windup: the integral goes on only as far as the current reaches its limit.
+        excess = (wanted - current[i]) / gains[i, 0]
         if excess * increment > 0.0:
             integral -= excess if abs(excess) < abs(increment) else increment
-            wanted = gains[i, 0] * integral - gains[i, 1] * velocity
         state[i, 0] = integral
         state[i, 1] = position[i]
-        current[i] = min(max(wanted, -current_limit), current_limit)
     return True
 
 

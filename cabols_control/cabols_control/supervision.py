@@ -22,6 +22,9 @@ EMERGENCY = "emergency stop"
 RELIEF_S = 1.0
 """So long after FREE_MOVING has begun, reports may still tell of the overload that it takes off."""
 
+CLOCK_BACK_S = 0.01
+"""Limb states that are so much older than the newest one come from another clock."""
+
 FORGET_S = 0.1
 """So long after PRETIGHTENING has begun, limb states may still tell of the zeros before it."""
 
@@ -87,6 +90,8 @@ class Supervision:
         """Take one limb state: its stamp, the (n,) bool zeroed and the (n,) tensions [N]."""
         if np.isnan(self._first_s):
             self._first_s = stamp_s
+        if stamp_s < self._newest_s - CLOCK_BACK_S:
+            self._start_anew(stamp_s)
         self._newest_s = stamp_s
         self._zeroed = np.array(zeroed, dtype=np.bool_)
         if self.mode == OperatingMode.PRETIGHTENING:
@@ -95,6 +100,17 @@ class Supervision:
             self._watch_unloading(stamp_s, tension)
         if self._config.auto_start:
             self._advance(stamp_s)
+
+    def _start_anew(self, stamp_s: float) -> None:
+        """Forget times of a clock that has been set back: they would stay fresh for long."""
+        back_s = self._newest_s - stamp_s
+        self._reports.clear()
+        self._first_s = self._entered_s = stamp_s
+        self._platform = None
+        if self.mode in MOVING:
+            self._machine.fault(
+                f"limb_state's clock went back by {back_s:.3g} s: was the bridge restarted?"
+            )
 
     def _watch_pretightening(self, stamp_s: float) -> None:
         late = stamp_s - self._entered_s > self._config.pretension_timeout_s

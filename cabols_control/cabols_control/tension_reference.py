@@ -64,7 +64,7 @@ class TensionReference:
         Returns:
             Whether tensions are in command.
         """
-        fresh = wanted is not None and stamp_s - wanted.stamp_s <= self._timeout
+        fresh = wanted is not None and abs(stamp_s - wanted.stamp_s) <= self._timeout
         if not fresh and not self.active:
             return False
         if not self.active:

@@ -123,7 +123,9 @@ class WrenchController:
             at every call.
         """
         dt_s = stamp_s - self._last_stamp
-        if not dt_s > 0.0:
+        if dt_s < -LONGEST_STEP_S:
+            self.trip(f"wrench's clock went back by {-dt_s:.3g} s: was the bridge restarted?")
+        elif not dt_s > 0.0:
             return self.tension
         self._last_stamp = stamp_s
         usable = bool(np.isfinite(measured).all())
@@ -195,7 +197,7 @@ class WrenchController:
 
     def _follow(self, stamp_s: float, dt_s: float, wanted: DesiredWrench | None) -> None:
         """Set the desired wrench in force; a stale one is ramped to zero at the unload rate."""
-        if wanted is not None and stamp_s - wanted.stamp_s <= self._desired_timeout:
+        if wanted is not None and abs(stamp_s - wanted.stamp_s) <= self._desired_timeout:
             self.desired[:] = wanted.wrench
             self.notice = ""
             return

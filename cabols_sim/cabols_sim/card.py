@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,9 @@ from cabols_control.checks import FloatArray
 from cabols_hw.card_config import CardConfig
 from cabols_hw.daq import CardSample
 from cabols_sim.plant import Plant
+
+BUFFER_SAMPLES = 16
+"""So many samples wait for their reader; who is later than that finds the oldest ones lost."""
 
 
 class SimulatedQ8:
@@ -40,6 +45,8 @@ class SimulatedQ8:
         self._lock = threading.Lock()
         self._period_ns = round(1e9 * config.period)
         self._tick = 0
+        self._sampled = 0
+        self._samples: deque[tuple[int, Any]] = deque(maxlen=BUFFER_SAMPLES)
         self._origin_ns = 0
         self._epoch_ns = 0
         self._plant_ns = 0
@@ -64,8 +71,12 @@ class SimulatedQ8:
             self._wait_for_tick()
         with self._lock:
             self._advance_to(self._tick * self._period_ns)
-            stamp_ns = self._epoch_ns + self._tick * self._period_ns
-            return CardSample(stamp_ns, *self.plant.sense())
+            tick, senses = self._samples.popleft()
+            while tick < self._tick:
+                tick, senses = self._samples.popleft()
+            self._late += tick - self._tick
+            self._tick = tick
+            return CardSample(self._epoch_ns + tick * self._period_ns, *senses)
 
     def _wait_for_tick(self) -> None:
         due_ns = self._tick * self._period_ns
@@ -81,7 +92,9 @@ class SimulatedQ8:
             self._late += skipped
 
     def _elapsed_ns(self) -> int:
-        """The plant's time since start, by the wall clock."""
+        """The plant's time since start, by the wall clock; zero before."""
+        if not self._origin_ns:
+            return 0
         return int((time.monotonic_ns() - self._origin_ns) * self._speed)
 
     def write(self, volts: FloatArray) -> None:
@@ -110,6 +123,15 @@ class SimulatedQ8:
             self.plant.enabled = on
 
     def _advance_to(self, plant_ns: int) -> None:
+        """Let the plant's time pass; the card samples at its own instants, whoever else is late."""
+        newest = plant_ns // self._period_ns
+        for tick in range(max(self._sampled + 1, newest - BUFFER_SAMPLES + 1), newest + 1):
+            self._run_to(tick * self._period_ns)
+            self._samples.append((tick, self.plant.sense()))
+            self._sampled = tick
+        self._run_to(plant_ns)
+
+    def _run_to(self, plant_ns: int) -> None:
         """Let the plant's time pass; the card's own watchdog runs on it."""
         if self._armed and not self._expired:
             expiry_ns = self._written_ns + self._watchdog_ns

@@ -131,7 +131,7 @@ class WrenchControllerNode(ControlNode):
         if self._mode.record is None:
             return OperatingMode.STOPPED
         mode = OperatingMode(int(self._mode.record["mode"]))
-        age = 1e-9 * (self._wrench.stamp_ns - self._pose_seen_ns)
+        age = 1e-9 * abs(self._wrench.stamp_ns - self._pose_seen_ns)
         if mode == OperatingMode.LOADING and self._pose.count and not age <= POSE_TIMEOUT_S:
             self._controller.trip(f"platform_pose is {age:.1f} s old")
         return mode

@@ -268,13 +268,15 @@ class BridgeNode(ControlNode):
         self._wrench_output.copy()
 
     def _take_answers(self) -> None:
-        if self._current_input.take():
+        came = self._current_input.take()
+        if came:
             self._accept_current()
         elif self._current_input.error:
             self._refused = self._current_input.error
         self._turns += 1
-        rare = self.lockstep or self._turns % SLOW_INPUT == 0
-        if rare and self._mode_input.take():
+        # Without currents a turn takes ANSWER_WAIT_NS: the mode is then heard in each.
+        due = self.lockstep or not came or self._turns % SLOW_INPUT == 0
+        if due and self._mode_input.take():
             self._hear_mode()
         self.on_inputs()
 
