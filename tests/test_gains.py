@@ -18,13 +18,20 @@ positive_pole = st.floats(2.0, 150.0)
 
 
 def closed_limb(model, stiffness, gains):
-    """(3.13) built from its blocks: velocity and tension feedback around (3.11)."""
-    s = control.tf("s")
-    motor = model.gain / (s * (1.0 + model.time_constant * s))
-    # i = -k_P1 s dl + k_I / s (k_P2 (tau_d - k_e dl) - s dl)
-    feedback = gains.velocity * s + gains.integral / s * (gains.tension * stiffness + s)
-    forward = gains.integral / s * gains.tension
-    return control.minreal(stiffness * forward * motor / (1.0 + motor * feedback), verbose=False)
+    """(3.13) built from its parts: the motor (3.11), the integral of (3.10), tau = k_e dl.
+
+    By states, as nothing must be cancelled there: minreal takes nearly multiple poles away.
+    """
+    motor = [-1.0 / model.time_constant, 0.0, model.gain / model.time_constant]
+    # i = -k_P1 d(dl)/dt + k_I integral of (k_P2 (tau_d - k_e dl) - d(dl)/dt)
+    speed = [motor[0] - motor[2] * gains.velocity, 0.0, motor[2] * gains.integral]
+    error = [-1.0, -gains.tension * stiffness, 0.0]
+    return control.ss(
+        [speed, [1.0, 0.0, 0.0], error],
+        [[0.0], [0.0], [gains.tension]],
+        [[0.0, stiffness, 0.0]],
+        0.0,
+    )
 
 
 @settings(max_examples=40, deadline=None)
