@@ -130,6 +130,20 @@ def test_pretightening_after_a_cut_is_no_fault(loaded):
     assert loaded.plant.tension.max() < 12.0
 
 
+def test_pose_may_be_another_one_after_a_stop(loaded):
+    """As of a robot that was set up anew; under load the same is a fault, and stays one."""
+    loaded.plant.inject("pose_offset", -1, 0.05)
+    loaded.run(0.3)
+    assert loaded.guard.fault.reason == "the platform's pose jumped by 50 mm"
+    loaded.mode = OperatingMode.STOPPED
+    loaded.run(0.05)
+    assert loaded.guard.fault is None
+    loaded.mode = OperatingMode.PRETIGHTENING
+    loaded.run(4.0)
+    assert loaded.guard.fault is None
+    assert loaded.bridge.zeroed.all()
+
+
 def overload_at_rest(bench):
     """Cut, reset, and let the robot move until the gears hold more than the sensor can tell."""
     bench.plant.inject("encoder_jump", 2)

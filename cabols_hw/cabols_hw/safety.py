@@ -10,17 +10,13 @@ from cabols_control.rig import Rig
 from cabols_hw import safety_rules as rules
 from cabols_hw.bridge import SATURATED_VOLTS, Bridge
 from cabols_hw.safety_config import SafetyConfig
-from cabols_hw.safety_faults import Fault, same_kind
+from cabols_hw.safety_faults import AXES, Fault, same_kind
+from cabols_hw.safety_pose import PoseWatch
 
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
-SPEED_WINDOW_S = 0.02
-"""A platform speed is the mean over at least so long: poses come every 4 ms, and not evenly."""
-
 LONGEST_STEP_S = 0.005
 """After a longer gap speeds start anew; no rule counts more than this for one sample."""
-
-AXES = ("x", "y", "z")
 
 
 class SafetyEnvelope:
@@ -40,13 +36,8 @@ class SafetyEnvelope:
         """
         n = rig.geometry.cables
         self._config = config
-        self._reference = (
-            np.array(rig.geometry.reference_position),
-            np.array(rig.geometry.reference_rotation),
-        )
         self._models = (np.array(rig.limbs.gain), np.array(rig.limbs.time_constant))
         self._wrench_max = np.array(config.wrench_max)
-        self._position_range = np.array(config.position_range)
         self._limb_limits = np.array(
             [
                 config.encoder_jump,
@@ -75,11 +66,7 @@ class SafetyEnvelope:
         self._last_volts = np.full(6, np.nan)
         self._since_flat = np.zeros(6)
         self._last_s = np.nan
-        self._pose_s = np.nan
-        self._window: tuple[float, FloatArray] | None = None
-        self._speed = 0.0
-        self._pose_fault: Fault | None = None
-        self._place: FloatArray | None = None
+        self._pose = PoseWatch(rig, config)
         self.fault: Fault | None = None
 
     def judge(self, now_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
@@ -96,8 +83,10 @@ class SafetyEnvelope:
         dt_s = now_s - self._last_s
         self._last_s = now_s
         fault = self._find(now_s, dt_s, bridge, mode)
-        anew = mode == OperatingMode.STOPPED or self._relieves(mode)
-        if anew and not same_kind(self.fault, fault):
+        stopped = mode == OperatingMode.STOPPED
+        if stopped:
+            self._pose.rest()
+        if (stopped or self._relieves(mode)) and not same_kind(self.fault, fault):
             self.fault = None
         self.fault = self.fault or fault
         return self.fault
@@ -144,7 +133,7 @@ class SafetyEnvelope:
         relieves = self._relieves(mode)
         if relieves and sensor is not None and sensor.name == OVERLOAD:
             sensor = None
-        found = self._judge_limbs(dt_s, bridge) or sensor or self._judge_pose(now_s, mode)
+        found = self._judge_limbs(dt_s, bridge) or sensor or self._pose.judge(now_s, mode)
         if found is None and bridge.tared and not relieves:
             found = self._judge_wrench(dt_s, bridge, mode)
         return found
@@ -308,73 +297,5 @@ class SafetyEnvelope:
         )
 
     def hear_pose(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
-        """Take a platform pose that came after the sample at now_s; judged with the next sample.
-
-        Args:
-            now_s: on the card's clock, whatever clock the robot has [s].
-            position: (3,) base frame [m].
-            rotation: (3, 3) platform to base.
-
-        Returns:
-            Whether it may be used: a pose beyond the limits would make the tension estimates wrong
-            with which the limbs are to be unloaded.
-        """
-        jump = 0.0 if self._place is None else float(np.linalg.norm(position - self._place))
-        allowed = self._config.pose_jump + self._config.speed_free * (now_s - self._pose_s)
-        self._pose_s = now_s
-        offset = np.abs(position - self._reference[0])
-        cosine = 0.5 * (float(np.trace(self._reference[1].T @ rotation)) - 1.0)
-        angle = float(np.arccos(min(max(cosine, -1.0), 1.0)))
-        self._pose_fault = None
-        if not (offset <= self._position_range).all():
-            axis = int(np.argmax(offset / self._position_range))
-            self._pose_fault = Fault(
-                "pose",
-                f"the platform is {1e3 * offset[axis]:.0f} mm off its reference in {AXES[axis]}, "
-                f"{1e3 * self._position_range[axis]:.0f} mm allowed",
-            )
-        elif not angle <= self._config.rotation_range:
-            self._pose_fault = Fault(
-                "pose",
-                f"the platform is turned by {angle:.2f} rad, "
-                f"{self._config.rotation_range:g} rad allowed",
-            )
-        elif self._place is not None and not jump <= allowed:
-            self._pose_fault = Fault("pose", f"the platform's pose jumped by {1e3 * jump:.0f} mm")
-        if self._pose_fault is not None:
-            return False
-        self._place = np.array(position)
-        self._measure_speed(now_s, self._place)
-        return True
-
-    def _measure_speed(self, now_s: float, position: FloatArray) -> None:
-        if self._window is None:
-            self._window = (now_s, position)
-            return
-        began_s, where = self._window
-        if now_s - began_s >= SPEED_WINDOW_S:
-            self._speed = float(np.linalg.norm(position - where)) / (now_s - began_s)
-            self._window = (now_s, position)
-
-    def _judge_pose(self, now_s: float, mode: OperatingMode) -> Fault | None:
-        if mode == OperatingMode.COMMISSIONING:
-            return None
-        age = now_s - self._pose_s
-        if not age <= self._config.pose_age:
-            came = "has never come" if np.isnan(age) else f"is {1e3 * age:.0f} ms old"
-            return Fault(
-                "pose_age",
-                f"the platform's pose {came}, {1e3 * self._config.pose_age:.0f} ms allowed: "
-                "is the robot's bridge running?",
-            )
-        if self._pose_fault is not None:
-            return self._pose_fault
-        loaded = mode in LOADED
-        allowed = self._config.speed_loaded if loaded else self._config.speed_free
-        if not self._speed <= allowed:
-            return Fault(
-                "pose_speed",
-                f"the platform moves at {1e3 * self._speed:.0f} mm/s, "
-                f"{1e3 * allowed:.0f} mm/s allowed in {mode.name}",
-            )
-        return None
+        """Take a platform pose, to be judged with the next sample; see PoseWatch.hear."""
+        return self._pose.hear(now_s, position, rotation)

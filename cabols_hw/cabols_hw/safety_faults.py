@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+AXES = ("x", "y", "z")
+
 
 class Reaction(IntEnum):
     """What the bridge does about a fault; the larger, the harder."""
