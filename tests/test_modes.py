@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from cabols_control.modes import Condition, ModeMachine, OperatingMode
 from cabols_control.supervision import Supervision, SupervisionConfig
+from cabols_control.wakefulness import Wakefulness
 
 READY = np.ones(8, dtype=bool)
 STANDING = Condition(READY, fresh=True)
@@ -242,6 +243,17 @@ def test_clock_that_is_set_back_is_a_fault_and_forgets_reports():
     report_all(core, 5.0)
     load(core, 5.0)
     assert core.mode == LOADING
+
+
+def test_who_has_slept_believes_no_silence():
+    watcher = Wakefulness(0.06)
+    assert not watcher.turn(10.0)
+    assert not any(watcher.turn(10.0 + 0.02 * k) for k in range(1, 3))
+    assert all(watcher.turn(10.06 + 0.02 * k) for k in range(1, 10))
+    # Starved for a quarter of a second: what came meanwhile is heard a little later only.
+    assert not watcher.turn(10.5)
+    assert not watcher.turn(10.54)
+    assert watcher.turn(10.57)
 
 
 def load(core, now_s):

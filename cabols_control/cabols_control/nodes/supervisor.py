@@ -23,6 +23,7 @@ from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from cabols_control.ros.ticker import Ticker
 from cabols_control.supervision import EMERGENCY, Supervision, SupervisionConfig
+from cabols_control.wakefulness import Wakefulness
 
 PERIOD_S = 0.02
 NEWS_S = 0.06
@@ -73,6 +74,7 @@ class SupervisorNode(ControlNode):
         )
         self._published: tuple[int, str] = (-1, "")
         self._ticks = 0
+        self._wakefulness = Wakefulness(NEWS_S)
         self.create_subscription(LoopStatus, "loop_status", self._hear_status, status_qos())
         self.create_subscription(Heartbeat, "attendance", self._hear_operator, status_qos())
         self.create_service(SetMode, "set_mode", self._set_mode)
@@ -114,7 +116,8 @@ class SupervisorNode(ControlNode):
         with self._lock:
             self._ticks += 1
             self._hear_news()
-            self._core.check_silence(self._now_s())
+            if self._wakefulness.turn(time.monotonic()):
+                self._core.check_silence(self._now_s())
             left = self._attendance.overdue(time.monotonic(), self._core.mode not in MOVING)
             if left:
                 self._core.abandon(left)
