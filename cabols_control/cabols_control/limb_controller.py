@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_control.clock import clock_fault
 from cabols_control.limb_law import LimbLaw
 from cabols_control.limb_loaded_step import ROWS, loaded_step_into
 from cabols_control.limb_references import (
@@ -143,8 +144,8 @@ class LimbController:
             STOPPED. The same array at every call.
         """
         dt_s = sample.stamp_s - self._last_stamp
-        if dt_s < -LONGEST_STEP_S:
-            self.trip(f"limb_state's clock went back by {-dt_s:.3g} s: was the bridge restarted?")
+        if back := clock_fault("limb_state", dt_s):
+            self.trip(back)
         elif not dt_s > 0.0:
             return self.current
         self._last_stamp = sample.stamp_s

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.clock import clock_fault
 from cabols_control.modes import (
     MOVING,
     OVERLOAD,
@@ -21,9 +22,6 @@ EMERGENCY = "emergency stop"
 
 RELIEF_S = 1.0
 """So long after FREE_MOVING has begun, reports may still tell of the overload that it takes off."""
-
-CLOCK_BACK_S = 0.01
-"""Limb states that are so much older than the newest one come from another clock."""
 
 FORGET_S = 0.1
 """So long after PRETIGHTENING has begun, limb states may still tell of the zeros before it."""
@@ -90,8 +88,8 @@ class Supervision:
         """Take one limb state: its stamp, the (n,) bool zeroed and the (n,) tensions [N]."""
         if np.isnan(self._first_s):
             self._first_s = stamp_s
-        if stamp_s < self._newest_s - CLOCK_BACK_S:
-            self._start_anew(stamp_s)
+        if back := clock_fault("limb_state", stamp_s - self._newest_s):
+            self._start_anew(stamp_s, back)
         self._newest_s = stamp_s
         self._zeroed = np.array(zeroed, dtype=np.bool_)
         if self.mode == OperatingMode.PRETIGHTENING:
@@ -101,16 +99,13 @@ class Supervision:
         if self._config.auto_start:
             self._advance(stamp_s)
 
-    def _start_anew(self, stamp_s: float) -> None:
-        """Forget times of a clock that has been set back: they would stay fresh for long."""
-        back_s = self._newest_s - stamp_s
+    def _start_anew(self, stamp_s: float, reason: str) -> None:
+        """Forget times of a clock that has been set back; no motion goes on."""
         self._reports.clear()
         self._first_s = self._entered_s = stamp_s
         self._platform = None
         if self.mode in MOVING:
-            self._machine.fault(
-                f"limb_state's clock went back by {back_s:.3g} s: was the bridge restarted?"
-            )
+            self._machine.fault(reason)
 
     def _watch_pretightening(self, stamp_s: float) -> None:
         late = stamp_s - self._entered_s > self._config.pretension_timeout_s

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.clock import clock_fault
 from cabols_control.kinematics import structure_matrix_into
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
@@ -123,8 +124,8 @@ class WrenchController:
             at every call.
         """
         dt_s = stamp_s - self._last_stamp
-        if dt_s < -LONGEST_STEP_S:
-            self.trip(f"wrench's clock went back by {-dt_s:.3g} s: was the bridge restarted?")
+        if back := clock_fault("wrench", dt_s):
+            self.trip(back)
         elif not dt_s > 0.0:
             return self.tension
         self._last_stamp = stamp_s

@@ -71,9 +71,9 @@ class SimulatedQ8:
             self._wait_for_tick()
         with self._lock:
             self._advance_to(self._tick * self._period_ns)
+            while self._samples[0][0] < self._tick:
+                self._samples.popleft()
             tick, senses = self._samples.popleft()
-            while tick < self._tick:
-                tick, senses = self._samples.popleft()
             self._late += tick - self._tick
             self._tick = tick
             return CardSample(self._epoch_ns + tick * self._period_ns, *senses)

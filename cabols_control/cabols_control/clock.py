@@ -1,0 +1,20 @@
+"""Samples whose clock goes back, as of a bridge that was started again; pure."""
+
+from __future__ import annotations
+
+CLOCK_BACK_S = 0.010
+"""A sample that is so much older than the one before comes from another clock."""
+
+
+def clock_fault(topic: str, dt_s: float) -> str:
+    """Return why a sample's clock cannot be followed; empty if it can.
+
+    What was known before would seem fresh for as long as the jump.
+
+    Args:
+        topic: where the sample came from.
+        dt_s: its stamp less the one's before [s].
+    """
+    if not dt_s < -CLOCK_BACK_S:
+        return ""
+    return f"{topic}'s clock went back by {-dt_s:.3g} s: was the bridge restarted?"
