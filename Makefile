@@ -87,6 +87,10 @@ bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_realtime.py $(ARGS)
 
+bench-transport: setup  ## measure what a killed process costs the others, by shared memory and by UDP
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_transport.py $(ARGS)
+
 bench-console: setup  ## measure what the console costs the rig
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_console.py $(ARGS)

@@ -25,6 +25,7 @@ from cabols_control.ros.parameters import (
 )
 from cabols_control.ros.qos import status_qos
 from cabols_control.ros.statistics import Durations
+from cabols_control.ros.transport import leave_shared_memory
 from cabols_control.specialisations import compiled_since, specialisations
 
 RCLError = rclpy_implementation.RCLError
@@ -189,6 +190,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     Returns:
         Exit code: 0, or 1 after a failure, or 2 for a configuration that cannot be used.
     """
+    leave_shared_memory()
     rclpy.init(args=arguments)
     try:
         node = factory()

@@ -26,6 +26,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Input, make_wait_set, wait_for
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.transport import leave_shared_memory
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
 IN_PATH = ("plant", "limb_controller", "wrench_controller")
@@ -61,6 +62,7 @@ class RigWatch:
         """Join a DDS domain; the rig's time passes at `speed` of this computer's."""
         self._speed = speed
         self._arrived = 0.0
+        leave_shared_memory()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node(
