@@ -266,7 +266,7 @@ def test_short_campaign_and_its_report(tmp_path):
     short_campaign(campaign, [0], 1)
     values = console_values(tmp_path, port, robot=True, campaign=True, lockstep=True)
     values |= {"speed": 1.0, "stale_after": 10.0, "state_timeout": 10.0, "watchdog": 0.0}
-    watched = ("mode", "stiffness_load", "stiffness_estimate", "campaign_status")
+    watched = ("mode", "stiffness_load", "stiffness_estimate", "campaign_status", "loop_status")
 
     def scenario(watcher, pids):
         watcher.wait(lambda: answers(port), "the page", 150.0)
@@ -278,6 +278,14 @@ def test_short_campaign_and_its_report(tmp_path):
             panel.page.locator("input[data-name=campaign-folder]").fill("../elsewhere")
             panel.press("campaign-start")
             panel.page.get_by_text("expected letters, digits").first.wait_for()
+            # Before it has heard the mode the node refuses, as it must.
+            watcher.wait(
+                lambda: any(
+                    m.node == "stiffness_campaign" and m.state == m.RUNNING
+                    for m in watcher.seen["loop_status"]
+                ),
+                "the campaign's node to run",
+            )
             panel.page.locator("input[data-name=campaign-folder]").fill("short")
             panel.press("campaign-start")
             watcher.wait(lambda: len(watcher.seen["stiffness_load"]) >= 1, "a load")
