@@ -232,7 +232,9 @@ class BridgeNode(ControlNode):
                     f"lockstep: {topic_names} did not answer the state at {stamp_ns} ns within "
                     f"{LOCKSTEP_PATIENCE_S:g} s; is every node of the graph running?"
                 )
-            if wait_for(wait_set, missing, ANSWER_WAIT_NS):
+            # The mode first, whichever comes first: it decides about the currents.
+            awaited = [item for item in missing if item is self._mode_input] or missing
+            if wait_for(wait_set, awaited, ANSWER_WAIT_NS):
                 self._take_answers()
 
     def missing(self, stamp_ns: int) -> list[Input]:
@@ -268,6 +270,8 @@ class BridgeNode(ControlNode):
         self._wrench_output.copy()
 
     def _take_answers(self) -> None:
+        if self.lockstep and self._mode_input.take():
+            self._hear_mode()
         came = self._current_input.take()
         if came:
             self._accept_current()
@@ -275,8 +279,8 @@ class BridgeNode(ControlNode):
             self._refused = self._current_input.error
         self._turns += 1
         # Without currents a turn takes ANSWER_WAIT_NS: the mode is then heard in each.
-        due = self.lockstep or not came or self._turns % SLOW_INPUT == 0
-        if due and self._mode_input.take():
+        due = not came or self._turns % SLOW_INPUT == 0
+        if due and not self.lockstep and self._mode_input.take():
             self._hear_mode()
         self.on_inputs()
 
