@@ -18,9 +18,8 @@ import time
 from pathlib import Path
 import rclpy
 from std_msgs.msg import String
-from cabols_control.ros.transport import leave_shared_memory
-leave_shared_memory()
-rclpy.init()
+from cabols_control.ros.transport import init
+init()
 node = rclpy.create_node("talker", namespace="/cabols")
 publisher = node.create_publisher(String, "word", 1)
 while True:

@@ -35,7 +35,7 @@ CONTROL_TOPICS = ("limb_state", "wrench", "motor_current", "tension_command", "d
 ROBOT_TOPICS = ("platform_pose", "joint_states")
 GRAPHS = {"rigid_target": False, "all_bridges": True}
 """Name of a run: whether robot and tracker are in it."""
-YARDSTICKS = Path(__file__).with_name("yardsticks.py")
+YARDSTICKS = (sys.executable, str(Path(__file__).with_name("yardsticks.py")))
 
 
 def main() -> int:
@@ -83,8 +83,8 @@ class Yardsticks:
 
     def __init__(self, environment: dict[str, str], seconds: float, asked: dict[str, int]) -> None:
         self._environment = {**os.environ, **environment}
-        self._seconds = str(seconds)
-        self._fifo = str(asked.get("fifo_priority", 0))
+        self._seconds = seconds
+        self._fifo = asked.get("fifo_priority", 0)
         self._latency = asked.get("cpu_latency_us", -1)
         self.asked = asked
         self._echoes: list[dict[str, float]] = []
@@ -92,15 +92,10 @@ class Yardsticks:
 
     def measure(self) -> None:
         """Run both once."""
-        python, where = [sys.executable, str(YARDSTICKS)], self._environment
-        arguments = [self._seconds, self._fifo]
+        how = (self._environment, self._seconds, self._fifo)
         with _awake(self._latency):
-            self._timers.append(_json([*python, "timer", *arguments], where))
-            with subprocess.Popen([*python, "echo", self._fifo], env=where) as partner:
-                try:
-                    self._echoes.append(_json([*python, "ping", *arguments], where))
-                finally:
-                    partner.send_signal(signal.SIGINT)
+            self._timers.append(_yardstick("timer", *how))
+            self._echoes.append(echo_pair(*how))
 
     def figures(self) -> dict[str, float]:
         """Pool the runs."""
@@ -132,7 +127,19 @@ def measure(yardsticks: list[Yardsticks]) -> None:
         item.measure()
 
 
-def _json(command: list[str], environment: dict[str, str]) -> dict[str, float]:
+def echo_pair(environment: dict[str, str], seconds: float, fifo: int = 0) -> dict[str, float]:
+    """Measure a message's way to another process and back, by plain rclpy executors."""
+    with subprocess.Popen([*YARDSTICKS, "echo", str(fifo)], env=environment) as partner:
+        try:
+            return _yardstick("ping", environment, seconds, fifo)
+        finally:
+            partner.send_signal(signal.SIGINT)
+
+
+def _yardstick(
+    kind: str, environment: dict[str, str], seconds: float, fifo: int
+) -> dict[str, float]:
+    command = [*YARDSTICKS, kind, str(seconds), str(fifo)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     found: dict[str, float] = json.loads(done.stdout.strip().splitlines()[-1])
     return found

@@ -1,7 +1,7 @@
 """What a killed reader costs its publisher: Fast DDS's shared memory beside UDP on loopback.
 
-A process publishes as at 2 kHz while readers of its topic are killed (-9) and started again. A call
-of publish() that takes longer than the card's watchdog (10 ms) would have cut a rig's currents.
+A process publishes at up to 2 kHz while readers of its topic are killed (-9) and started again. A
+call of publish() longer than the card's watchdog (10 ms) would have cut a rig's currents.
 Then two processes that nobody kills send messages there and back. Both transports take turns.
 """
 
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TypedDict
 
 import numpy as np
+from bench_realtime import echo_pair
 
 from cabols_control.ros.transport import udp_variables
 from cabols_sim.bench_run import isolated_environment
@@ -28,7 +29,7 @@ LONG_S = 0.010
 READERS = 4
 LIFE_S = (0.05, 0.3)
 """A reader is killed so long after its first message."""
-YARDSTICKS = Path(__file__).with_name("yardsticks.py")
+ECHO_S = 5.0
 
 
 class Calls(TypedDict):
@@ -66,7 +67,7 @@ def main() -> int:
             killed, called = kill_readers(variables, arguments.seconds)
             kills[name] += killed
             calls[name].append(called)
-            trips[name].append(there_and_back(variables))
+            trips[name].append(echo_pair(variables, ECHO_S)["round_trip_median_s"])
     figures = {
         name: {
             "kills": kills[name],
@@ -122,19 +123,6 @@ def kill_readers(environment: dict[str, str], seconds: float) -> tuple[int, Call
     finally:
         publisher.kill()
     return killed, json.loads(output)
-
-
-def there_and_back(environment: dict[str, str]) -> float:
-    """Median of a message's way to another process and back [s]; plain rclpy executors."""
-    python = [sys.executable, str(YARDSTICKS)]
-    with subprocess.Popen([*python, "echo", "0"], env=environment) as partner:
-        try:
-            done = subprocess.run(
-                [*python, "ping", "5", "0"], env=environment, capture_output=True, check=True
-            )
-        finally:
-            partner.terminate()
-    return float(json.loads(done.stdout.splitlines()[-1])["round_trip_median_s"])
 
 
 def publish() -> None:

@@ -28,9 +28,8 @@ from cabols_control.commissioning_results import (
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.rig import Rig, load_rig
-from cabols_control.ros import topics
+from cabols_control.ros import topics, transport
 from cabols_control.ros.limb_trace import LimbTrace
-from cabols_control.ros.transport import leave_shared_memory
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
 FOUND_S = 180.0
@@ -223,8 +222,7 @@ def main() -> int:
         return 2
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _interrupt)
-    leave_shared_memory()
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    transport.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     tool = Tool(rig, arguments.speed)
     results: dict[int, LimbResult] = {}
     try:

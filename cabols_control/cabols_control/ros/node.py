@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from cabols_control.errors import CabolsError
 from cabols_control.realtime import apply_scheduling, collect_young, freeze_garbage, give_back
-from cabols_control.ros import topics
+from cabols_control.ros import topics, transport
 from cabols_control.ros.diagnostics import Diagnostics
 from cabols_control.ros.loop import Output
 from cabols_control.ros.loop_log import LoopLog
@@ -25,7 +25,6 @@ from cabols_control.ros.parameters import (
 )
 from cabols_control.ros.qos import status_qos
 from cabols_control.ros.statistics import Durations
-from cabols_control.ros.transport import leave_shared_memory
 from cabols_control.specialisations import compiled_since, specialisations
 
 RCLError = rclpy_implementation.RCLError
@@ -190,8 +189,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     Returns:
         Exit code: 0, or 1 after a failure, or 2 for a configuration that cannot be used.
     """
-    leave_shared_memory()
-    rclpy.init(args=arguments)
+    transport.init(args=arguments)
     try:
         node = factory()
     except CabolsError as error:

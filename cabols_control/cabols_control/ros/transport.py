@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from typing import Any
 
+import rclpy
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from cabols_control.configuration import packaged
@@ -40,6 +42,7 @@ def udp_variables(environment: Mapping[str, str], rmw: str) -> dict[str, str]:
     return UDP
 
 
-def leave_shared_memory() -> None:
-    """Set this process's variables; to be called before rclpy.init()."""
+def init(**arguments: Any) -> None:
+    """Do what rclpy.init() does, with its arguments, for a process that stays out of it."""
     os.environ.update(udp_variables(os.environ, get_rmw_implementation_identifier()))
+    rclpy.init(**arguments)

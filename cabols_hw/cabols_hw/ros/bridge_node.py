@@ -270,8 +270,8 @@ class BridgeNode(ControlNode):
         self._wrench_output.copy()
 
     def _take_answers(self) -> None:
-        if self.lockstep and self._mode_input.take():
-            self._hear_mode()
+        if self.lockstep:
+            self._take_mode()
         came = self._current_input.take()
         if came:
             self._accept_current()
@@ -279,9 +279,8 @@ class BridgeNode(ControlNode):
             self._refused = self._current_input.error
         self._turns += 1
         # Without currents a turn takes ANSWER_WAIT_NS: the mode is then heard in each.
-        due = not came or self._turns % SLOW_INPUT == 0
-        if due and not self.lockstep and self._mode_input.take():
-            self._hear_mode()
+        if not self.lockstep and (not came or self._turns % SLOW_INPUT == 0):
+            self._take_mode()
         self.on_inputs()
 
     def _accept_current(self) -> None:
@@ -327,7 +326,9 @@ class BridgeNode(ControlNode):
         if expired and self._mode not in MOVING:
             self.daq.clear_watchdog()
 
-    def _hear_mode(self) -> None:
+    def _take_mode(self) -> None:
+        if not self._mode_input.take():
+            return
         self._mode = OperatingMode(int(self._mode_input.record["mode"]))
         if self._mode != OperatingMode.FAULT:
             return

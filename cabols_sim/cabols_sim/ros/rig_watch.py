@@ -22,11 +22,10 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import load_geometry
 from cabols_control.modes import OperatingMode
-from cabols_control.ros import topics
+from cabols_control.ros import topics, transport
 from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Input, make_wait_set, wait_for
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
-from cabols_control.ros.transport import leave_shared_memory
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
 IN_PATH = ("plant", "limb_controller", "wrench_controller")
@@ -62,9 +61,8 @@ class RigWatch:
         """Join a DDS domain; the rig's time passes at `speed` of this computer's."""
         self._speed = speed
         self._arrived = 0.0
-        leave_shared_memory()
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=domain)
+        transport.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node(
             "rig_watch", namespace=topics.NAMESPACE, context=self._context
         )

@@ -21,10 +21,9 @@ from rclpy.executors import SingleThreadedExecutor
 from cabols_control.errors import CabolsError
 from cabols_control.modes import OperatingMode
 from cabols_control.rig import load_rig
-from cabols_control.ros import topics
+from cabols_control.ros import topics, transport
 from cabols_control.ros.loop import Input
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
-from cabols_control.ros.transport import leave_shared_memory
 
 NEEDED = ("supervisor", "plant", "limb_controller", "wrench_controller", "abb_tracker_bridge")
 """Nodes that must report RUNNING before anything moves."""
@@ -121,9 +120,8 @@ class Story:
                 os.kill(os.getpid(), signal.SIGTERM)
 
     def _open(self) -> None:
-        leave_shared_memory()
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, domain_id=self._domain)
+        transport.init(context=self._context, domain_id=self._domain)
         node = rclpy.create_node("operator", namespace=topics.NAMESPACE, context=self._context)
         self._node = node
         self._executor = SingleThreadedExecutor(context=self._context)

@@ -16,8 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from cabols_control.ros import topics
-from cabols_control.ros.transport import leave_shared_memory
+from cabols_control.ros import topics, transport
 
 START_S = 180.0
 """The nodes must run within this; a first start compiles for a minute or two."""
@@ -137,8 +136,7 @@ def _arguments(words: list[str]) -> argparse.Namespace:
 def main() -> int:
     """Entry point."""
     options = _arguments(remove_ros_args(sys.argv)[1:])
-    leave_shared_memory()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    transport.init(signal_handler_options=SignalHandlerOptions.NO)
     client = Client(options)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, client.interrupt)
