@@ -15,6 +15,7 @@ from cabols_control.bags.errors import BagError
 from cabols_control.bags.names import relative
 from cabols_control.configuration import packaged
 from cabols_control.errors import ConfigError
+from cabols_control.realtime import be_ordinary
 from cabols_control.ros import topics
 from cabols_control.ros.node import WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
@@ -22,6 +23,7 @@ from cabols_control.ros.qos import latched_qos
 from cabols_control.ros.recording import Recording
 
 IDLE_REPORT_S = 1.0
+JOIN_S = 0.1
 RIG_FILES = ("geometry", "limbs", "control")
 
 
@@ -56,6 +58,7 @@ class RecorderNode(ControlNode):
         self._told = self.create_publisher(String, "recording", latched_qos(False))
         self.create_service(SetBool, "record", self._obey)
         self.create_timer(IDLE_REPORT_S, self._report_idle)
+        self._joining = self.create_timer(JOIN_S, self._join)
         self._recording = self._new(self._first_folder()) if at_once else None
         self._tell()
 
@@ -99,6 +102,8 @@ class RecorderNode(ControlNode):
 
     def _obey(self, request: Any, response: Any) -> Any:
         """Service record: true begins a bag, false completes it."""
+        # Either takes 70 ms of a core: too long for who shares it at a lower priority, or none.
+        be_ordinary()
         if request.data == (self._recording is not None):
             response.message = (
                 f"recording already: {self._recording.folder}"
@@ -127,9 +132,16 @@ class RecorderNode(ControlNode):
             self.get_logger().error(response.message)
             return response
         self._recording.start()
+        self._joining.reset()
         self._tell()
         response.success, response.message = True, f"recording into {folder}"
         return response
+
+    def _join(self) -> None:
+        """Look whether it is time for the loop's topics."""
+        be_ordinary()
+        if self._recording is None or self._recording.join():
+            self._joining.cancel()
 
     def _tell(self) -> None:
         folder = "" if self._recording is None else str(self._recording.folder)

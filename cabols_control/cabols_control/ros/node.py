@@ -135,12 +135,13 @@ class ControlNode(Node):
         return output
 
     def prepare_thread(self) -> None:
-        """Run in the control thread before its first cycle: readers, scheduling, garbage."""
+        """Run in the control thread before its first cycle: readers, garbage, scheduling."""
         self._wait_for_readers()
-        self.apply_scheduling()
         self.status.log.warm_up("running")
         freeze_garbage()
         self._compiled = specialisations()
+        # Not before: to collect all garbage takes 70 ms of a core, which nodes that run need.
+        self.apply_scheduling()
 
     def apply_scheduling(self) -> None:
         """Ask the kernel for what the parameters say, for all threads there are now."""

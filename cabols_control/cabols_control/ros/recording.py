@@ -11,74 +11,21 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.qos import QoSProfile
 
 from cabols_control.bags.errors import BagError
-from cabols_control.bags.gaps import Gaps
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.scan import first_stamp
 from cabols_control.bags.writer import BagWriter
 from cabols_control.realtime import be_ordinary, collect_young
-from cabols_control.ros import topics
-from cabols_control.ros.loop import IDLE_NS, LoopGroup, make_wait_set, wait_for
+from cabols_control.ros.loop import IDLE_NS, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode
-from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.tap import Item, Tap
 
-QUEUE_DEPTH = 4000
 GATHER_S = 0.02
 """How long messages gather before all are taken; the middleware stamps their reception."""
 STATUS_S = 1.0
 END_S = 5.0
 """How long a slow disk may keep the end waiting; normally it takes a quarter of a second."""
-
-Item = tuple[int, str, int, bytes, int]
-
-
-class Tap:
-    """One recorded topic."""
-
-    def __init__(self, node: ControlNode, topic: str) -> None:
-        """Subscribe, whether or not anybody publishes yet."""
-        self.topic = topic
-        self._type = topics.TYPES[topic]
-        self.offered = _offered_qos(topic, node.lockstep)
-        wanted = QoSProfile(
-            depth=QUEUE_DEPTH,
-            reliability=self.offered.reliability,
-            durability=self.offered.durability,
-        )
-        self._subscription = node.create_subscription(
-            self._type, topic, _unused, wanted, callback_group=LoopGroup(), raw=True
-        )
-        self._handle = self._subscription.handle
-        self.gaps = Gaps(lambda: node.count_publishers(topic))
-        self.count = 0
-        self._log_time_ns = 0
-
-    @property
-    def type_name(self) -> str:
-        """Name as in `cabols_msgs/msg/LimbState`."""
-        package, *_ = self._type.__module__.split(".")
-        return f"{package}/msg/{self._type.__name__}"
-
-    def take(self, into: deque[Item]) -> bytes:
-        """Take all that waits, in order; returns the newest, empty if there was none."""
-        handle, msg_type, add = self._handle, self._type, self.gaps.add
-        newest = b""
-        while (taken := handle.take_message(msg_type, True)) is not None:
-            newest, info = taken
-            number = info["publication_sequence_number"]
-            add(number)
-            received = info["received_timestamp"] or time.time_ns()
-            # A clock that is set back must not turn the order of a topic around.
-            self._log_time_ns = max(received, self._log_time_ns)
-            self.count += 1
-            into.append((self._log_time_ns, self.topic, info["source_timestamp"], newest, number))
-        return newest
-
-    def close(self, node: ControlNode) -> None:
-        """Unsubscribe: what nobody records costs nothing."""
-        node.destroy_subscription(self._subscription)
 
 
 class Recording:
@@ -97,7 +44,7 @@ class Recording:
         period_s: float,
         on_end: Callable[[bool], None],
     ) -> None:
-        """Create the bag and subscribe; start() begins.
+        """Create the bag and subscribe, on the loop's topics in join(); start() begins.
 
         Args:
             node: owner of subscriptions and status.
@@ -143,6 +90,11 @@ class Recording:
             thread.start()
         self._node.get_logger().info(f"recording {len(self._taps)} topics into {self.folder}")
 
+    def join(self) -> bool:
+        """Subscribe to those of the loop's topics whose time has come; return whether to all."""
+        waiting = [tap for tap in self._taps if not tap.join(time.monotonic())]
+        return not waiting
+
     def close(self) -> None:
         """Take what has arrived, complete the bag and say what is in it."""
         give_up = time.monotonic() + END_S
@@ -171,7 +123,7 @@ class Recording:
     def forget(self) -> None:
         """Unsubscribe, after close()."""
         for tap in self._taps:
-            tap.close(self._node)
+            tap.close()
 
     def summary(self) -> str:
         """Say what is in the bag, topic by topic."""
@@ -196,7 +148,8 @@ class Recording:
         self._node.prepare_thread()
         report_at = time.monotonic() + STATUS_S
         while not self._stop.is_set() and self._node.context.ok():
-            if wait_for(self._wait_set, self._taps, IDLE_NS):
+            joined = [tap for tap in self._taps if tap.joined]
+            if wait_for(self._wait_set, joined, IDLE_NS):
                 self._stop.wait(GATHER_S)
                 self._take()
             if not self._node.lockstep and time.monotonic() >= report_at:
@@ -231,14 +184,3 @@ class Recording:
         status.lost = sum(tap.gaps.lost for tap in self._taps)
         stamp_ns = first_stamp(self._newest_raw) if self._newest_raw else 0
         status.publish(stamp_ns, RUNNING if self._newest_raw else WAITING, "")
-
-
-def _offered_qos(topic: str, lockstep: bool) -> QoSProfile:
-    """Return the quality with which the topic's publishers offer it."""
-    if topic in topics.CONTROL_TOPICS:
-        return control_qos(lockstep)
-    return latched_qos(lockstep) if topic in topics.LATCHED_TOPICS else status_qos()
-
-
-def _unused(_: bytes) -> None:
-    """Stand in for the callback that rclpy demands."""
