@@ -219,10 +219,10 @@ ARGUMENTS = (
     Argument(
         "fifo_priority",
         0,
-        "SCHED_FIFO priority of bridge and limb controller, from 3; the wrench controller gets 1 "
-        "less, the other nodes, whose locks the loops may meet, 2 less; 0: none",
+        "SCHED_FIFO priority of bridge and limb controller, from 3; wrench controller and recorder "
+        "get 1 less, the other nodes, whose locks the loops may meet, 2 less; 0: none",
         (*_ALL, _DEVICES),
-        below={**dict.fromkeys((*_BESIDE, _DEVICES), 2), "wrench_controller": 1},
+        below={**dict.fromkeys((*_BESIDE, _DEVICES), 2), "wrench_controller": 1, "recorder": 1},
     ),
     Argument(
         "cpu_latency_us",
@@ -233,8 +233,8 @@ ARGUMENTS = (
     Argument(
         "cpu",
         -1,
-        "core for the bridge and the robot's bridge; -1: any",
-        (*_BRIDGES, *_ROBOT),
+        "core for the bridge, the recorder, the robot's bridge and the simulated devices; -1: any",
+        (*_BRIDGES, "recorder", *_ROBOT, _DEVICES),
     ),
     Argument(
         "other_cpu",
@@ -242,7 +242,7 @@ ARGUMENTS = (
         "core for the other nodes; -1: any",
         (
             *("limb_controller", "wrench_controller", "supervisor", "load_program"),
-            *("recorder", "console", *_CAMPAIGN, _DEVICES),
+            *("console", *_CAMPAIGN),
         ),
         parameter="cpu",
     ),
