@@ -7,19 +7,23 @@ import subprocess
 import sys
 import time
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
 import rclpy
 from cabols_msgs.msg import LoopStatus
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
+from std_srvs.srv import SetBool
 
 from cabols_control.bags.parity import payload_digest
 from cabols_control.bags.reader import read_bag
 from cabols_control.bags.recover import recover
 from cabols_control.geometry import load_geometry
+from cabols_control.realtime import may_use_fifo
 from cabols_control.ros import topics
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 
@@ -157,6 +161,47 @@ def end(process, number=signal.SIGINT):
     process.send_signal(number)
     output, errors = process.communicate(timeout=10)
     return output, errors, time.monotonic() - started
+
+
+def test_the_loops_own_readers_are_met_before_the_recorder(node, record):
+    """Whom a publisher met first it serves first; without a bridge there is nothing to record."""
+    qos = control_qos(False)
+    current = node.create_publisher(topics.TYPES["motor_current"], "motor_current", qos)
+    mode = node.create_publisher(topics.TYPES["mode"], "mode", latched_qos(False))
+    process = record()
+    wait_for(mode.get_subscription_count, process)
+    assert current.get_subscription_count() == 0
+    bridge = node.create_subscription(topics.TYPES["motor_current"], "motor_current", print, qos)
+    wait_for(current.get_subscription_count, process)
+    assert node.get_subscriptions_info_by_topic("/cabols/motor_current")[0].node_name == "rig"
+    state = node.create_publisher(topics.TYPES["limb_state"], "limb_state", qos)
+    wait_for(lambda: current.get_subscription_count() == 2, process)
+    wait_for(state.get_subscription_count, process)
+    node.destroy_subscription(bridge)
+    for publisher in (current, mode, state):
+        node.destroy_publisher(publisher)
+
+
+@pytest.mark.skipif(not may_use_fifo(), reason="this process may not use SCHED_FIFO")
+def test_bags_are_begun_outside_the_real_time_class(node, record):
+    """That takes 70 ms: the robot's bridge, on the same core, would call its robot silent."""
+    process = record(record_at_start="false", fifo_priority=3)
+    client = node.create_client(SetBool, "record")
+    assert client.wait_for_service(timeout_sec=PATIENCE_S)
+    done = client.call_async(SetBool.Request(data=True))
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    executor.spin_until_future_complete(done, timeout_sec=PATIENCE_S)
+    executor.shutdown()
+    assert done.result().success, done.result().message
+    threads = Path(f"/proc/{process.pid}/task")
+
+    def classes():
+        return {int(t.name): os.sched_getscheduler(int(t.name)) for t in threads.iterdir()}
+
+    wait_for(lambda: os.SCHED_FIFO in classes().values(), process)
+    wait_for(lambda: classes()[process.pid] == os.SCHED_OTHER, process)
+    node.destroy_client(client)
 
 
 @pytest.mark.parametrize("rig", [True], indirect=True)
