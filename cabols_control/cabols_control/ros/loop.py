@@ -198,13 +198,13 @@ class ControlLoop(GuardedThread):
             return
         turns = self._turns + 1
         due = [c for c in self._companions if turns % c.every == 0]
-        if not wait_for(self._wait_set, (self._trigger,), GAP_NS):
+        wait(self._wait_set, (self._trigger,), GAP_NS)
+        if not self._trigger.take():
             due = [c for c in due if not c.take()]
             self.use_pause()
-            if not wait_for(self._wait_set, (self._trigger,), IDLE_NS):
+            wait(self._wait_set, (self._trigger,), IDLE_NS)
+            if not self._trigger.take():
                 return
-        if not self._trigger.take():
-            return
         self._turns = turns
         for companion in due:
             companion.take()
@@ -240,12 +240,17 @@ def make_wait_set(node: Node, inputs: int) -> Any:
     return rclpy_implementation.WaitSet(inputs, 0, 0, 0, 0, 0, node.context.handle)
 
 
-def wait_for(wait_set: Any, inputs: Sequence[Input], timeout_ns: int) -> bool:
-    """Wait until one of the inputs has a message; False after the timeout."""
+def wait(wait_set: Any, inputs: Sequence[Input], timeout_ns: int) -> None:
+    """Wait until one of the inputs has a message, or the time is over: taking tells which."""
     wait_set.clear_entities()
     for item in inputs:
         wait_set.add_subscription(item._handle)
     wait_set.wait(timeout_ns)
+
+
+def wait_for(wait_set: Any, inputs: Sequence[Input], timeout_ns: int) -> bool:
+    """Wait until one of the inputs has a message; False after the timeout."""
+    wait(wait_set, inputs, timeout_ns)
     return bool(wait_set.get_ready_entities("subscription"))
 
 

@@ -18,7 +18,7 @@ from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.live import LiveOutput
-from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait_for
+from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos
@@ -204,7 +204,7 @@ class BridgeNode(ControlNode):
         # Only the currents wake it; mode and pose are looked at then, or after the wait.
         wait_set = make_wait_set(self, 1)
         while self._running():
-            wait_for(wait_set, self._answers[:1], ANSWER_WAIT_NS)
+            wait(wait_set, self._answers[:1], ANSWER_WAIT_NS)
             self._take_answers()
 
     def _lockstep_body(self) -> None:
