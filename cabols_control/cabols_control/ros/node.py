@@ -15,6 +15,7 @@ from cabols_control.errors import CabolsError
 from cabols_control.realtime import apply_scheduling, collect_young, freeze_garbage, give_back
 from cabols_control.ros import topics, transport
 from cabols_control.ros.diagnostics import Diagnostics
+from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Output
 from cabols_control.ros.loop_log import LoopLog
 from cabols_control.ros.parameters import (
@@ -38,6 +39,7 @@ class Status:
 
     Attributes:
         log: for whatever the loop has to say.
+        on_change: called after each change of state or reason.
     """
 
     def __init__(self, node: Node, lockstep: bool) -> None:
@@ -48,6 +50,7 @@ class Status:
         self._layouts = {"": topics.loop_status_layout(self._name, "")}
         self._reported: tuple[int, str] = (-1, "")
         self.log = LoopLog(node)
+        self.on_change: Callable[[], object] = lambda: None
         self.cycles = 0
         self.lost = 0
         self.late = 0
@@ -64,6 +67,7 @@ class Status:
         if changed:
             self._log(state, reason)
             self._reported = (state, reason)
+            self.on_change()
 
     def publish(self, stamp_ns: int, state: int, reason: str) -> None:
         """Send one report."""
@@ -127,7 +131,8 @@ class ControlNode(Node):
         self.status = Status(self, self.lockstep)
         self.outputs["loop_status"] = self.status.output()
         self._compiled: dict[str, int] | None = None
-        self._diagnostics = Diagnostics(self, self.status.snapshot, "cabols rig")
+        diagnostics = Diagnostics(self, self.status.snapshot, "cabols rig")
+        self.status.on_change = lambda: hand_over(self, diagnostics.tell)
 
     def advertise(self, topic: str, output: Output) -> Output:
         """Register an output, so that its readers can be waited for."""
