@@ -36,7 +36,7 @@ from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name, live_qos
-from cabols_control.ros.loop import Input, LoopGroup
+from cabols_control.ros.loop import Input, subscribe_aside
 from cabols_control.ros.qos import latched_qos, status_qos
 
 STALE_S = 0.5
@@ -55,9 +55,7 @@ class Typed:
     def __init__(self, node: Node, msg_type: type, topic: str, qos: QoSProfile) -> None:
         """Subscribe."""
         self._type = msg_type
-        self.subscription = node.create_subscription(
-            msg_type, topic, lambda _: None, qos, callback_group=LoopGroup()
-        )
+        self.subscription = subscribe_aside(node, msg_type, topic, qos, raw=False)
         self._handle = self.subscription.handle
 
     def take(self) -> list[Any]:

@@ -40,6 +40,15 @@ class LoopGroup(CallbackGroup):
         """Do nothing: nothing was begun."""
 
 
+def subscribe_aside(
+    node: Node, msg_type: type, topic: str, qos: QoSProfile, raw: bool = True
+) -> Any:
+    """Subscribe for who takes the messages himself; the node's executor does not wake for them."""
+    return node.create_subscription(
+        msg_type, topic, lambda _: None, qos, callback_group=LoopGroup(), raw=raw
+    )
+
+
 class Input:
     """The newest message of one topic, taken raw.
 
@@ -65,9 +74,7 @@ class Input:
         self.awaited = True
         self._layout = layout
         self._type = layout.msg_type
-        self.subscription = node.create_subscription(
-            layout.msg_type, topic, _unused, qos, callback_group=LoopGroup(), raw=True
-        )
+        self.subscription = subscribe_aside(node, layout.msg_type, topic, qos)
         self._handle = self.subscription.handle
         # To ask an empty reader costs as much as to take: where one message waits at most, once.
         self._single = qos.depth == 1
@@ -252,7 +259,3 @@ def wait_for(wait_set: Any, inputs: Sequence[Input], timeout_ns: int) -> bool:
     """Wait until one of the inputs has a message; False after the timeout."""
     wait(wait_set, inputs, timeout_ns)
     return bool(wait_set.get_ready_entities("subscription"))
-
-
-def _unused(_: bytes) -> None:
-    """Stand in for the callback that rclpy demands."""

@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 from cabols_control.bags.gaps import Gaps
 from cabols_control.courtesy import Courtesy
 from cabols_control.ros import topics
-from cabols_control.ros.loop import LoopGroup
+from cabols_control.ros.loop import subscribe_aside
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 
@@ -74,9 +74,7 @@ class Tap:
             reliability=self.offered.reliability,
             durability=self.offered.durability,
         )
-        self._subscription = self._node.create_subscription(
-            self._type, self.topic, _unused, wanted, callback_group=LoopGroup(), raw=True
-        )
+        self._subscription = subscribe_aside(self._node, self._type, self.topic, wanted)
         self._handle = self._subscription.handle
 
     def take(self, into: deque[Item]) -> bytes:
@@ -107,7 +105,3 @@ def _offered_qos(topic: str, lockstep: bool) -> QoSProfile:
     if topic in topics.CONTROL_TOPICS:
         return control_qos(lockstep)
     return latched_qos(lockstep) if topic in topics.LATCHED_TOPICS else status_qos()
-
-
-def _unused(_: bytes) -> None:
-    """Stand in for the callback that rclpy demands."""

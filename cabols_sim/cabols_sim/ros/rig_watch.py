@@ -24,7 +24,7 @@ from cabols_control.geometry import load_geometry
 from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics, transport
 from cabols_control.ros.executor_thread import hand_over
-from cabols_control.ros.loop import Input, make_wait_set, wait_for
+from cabols_control.ros.loop import Input, make_wait_set, wait
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
@@ -122,7 +122,7 @@ class RigWatch:
         inputs = (self._state_input, self._wrench_input)
         wait_set = make_wait_set(self._node, len(inputs))
         while self._context.ok():
-            wait_for(wait_set, inputs, 100_000_000)
+            wait(wait_set, inputs, 100_000_000)
             while self._state_input.take_one():
                 record = self._state_input.record
                 row = (np.array(record["tension"]), np.array(record["current"]))

@@ -18,7 +18,7 @@ from cabols_control.bags.writer import BagWriter
 from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
-from cabols_control.ros.loop import Input, LoopGroup, make_wait_set, wait_for
+from cabols_control.ros.loop import Input, make_wait_set, subscribe_aside, wait_for
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_stiffness.window import Rolling
@@ -93,11 +93,8 @@ class Stream:
         wanted = QoSProfile(depth=DEPTH, reliability=qos.reliability, durability=qos.durability)
         self.topic = topic
         self._type = topics.TYPES[topic]
-        subscription = node.create_subscription(
-            self._type, topic, _unused, wanted, callback_group=LoopGroup(), raw=True
-        )
-        self._subscription = subscription
-        self._handle = subscription.handle
+        self._subscription = subscribe_aside(node, self._type, topic, wanted)
+        self._handle = self._subscription.handle
         self.rolling = Rolling(columns, capacity)
 
     def take(self, bag: CampaignBag | None) -> int:
@@ -218,7 +215,3 @@ class Intake(GuardedThread):
             self.reason = self._mode.strings()["reason"]
             if bag is not None:
                 bag.add("mode", self._mode.raw, time.time_ns())
-
-
-def _unused(_: bytes) -> None:
-    """Stand in for the callback that rclpy demands."""
