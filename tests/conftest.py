@@ -12,8 +12,8 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 from cabols_control.configuration import load_config, packaged
 from cabols_control.rig import load_rig
-from cabols_hw.card_config import CardConfig
-from cabols_sim.plant_config import PlantConfig
+from cabols_hw.card.config import CardConfig
+from cabols_sim.plant.config import PlantConfig
 
 
 @pytest.fixture(scope="session")

@@ -9,10 +9,10 @@ import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
 from scipy.spatial.transform import Rotation
 
+from cabols_control.cable_kernels import cable_lengths_unchecked, structure_matrix_unchecked
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.configuration import STRICT, load_config, packaged
 from cabols_control.errors import ConfigError, DegenerateGeometryError, ShapeError
-from cabols_control.kinematics import cable_lengths_unchecked, structure_matrix_unchecked
 
 MIN_CABLES = 6
 MIN_CABLE_LENGTH_M = 1e-3

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from cabols_control.limb import identify_limb
-from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
-from cabols_control.modes import MOVING, OperatingMode
+from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.rig import Rig, load_rig
+from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.tension import distribute
-from cabols_control.wrench_controller import DesiredWrench, WrenchController
+from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 
 
 def warm_limbs(rig: Rig, sample: LimbSample | None = None) -> None:

@@ -5,8 +5,8 @@ ros2 launch cabols_hw rig.launch.py geometry_file:=/path/to/geometry.yaml
 
 from launch.actions import OpaqueFunction
 
-from cabols_control.graph import rig_graph
-from cabols_control.ros.launching import argument_values, arguments, launch_nodes
+from cabols_control.bringup.graph import rig_graph
+from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
 from launch import Action, LaunchContext, LaunchDescription
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from cabols_control.configuration import load_config, packaged
 from cabols_control.rig import load_rig
-from cabols_hw.card_config import CardConfig
-from cabols_sim.closed_loop import simulate
-from cabols_sim.plant_config import PlantConfig
+from cabols_hw.card.config import CardConfig
+from cabols_sim.plant.closed_loop import simulate
+from cabols_sim.plant.config import PlantConfig
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cabols_control.checks import FloatArray
-from cabols_stiffness.validation import Validation
+from cabols_stiffness.identification.validation import Validation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

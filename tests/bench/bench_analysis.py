@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from long_bag import TRUE, write_bag
 
-from cabols_control.processes import executable_path
+from cabols_control.bringup.processes import executable_path
 
 GIB = 1 << 30
 LINEAR = 0.3

@@ -22,7 +22,7 @@ from typing import Any
 import bench_realtime
 from console_page import is_served
 
-from cabols_sim.bench_run import isolated_environment, real_time_arguments
+from cabols_sim.bench.run import isolated_environment, real_time_arguments
 
 PAGE = Path(__file__).with_name("console_page.py")
 PAGES = 2
@@ -107,7 +107,7 @@ def _run(
 
 def _browse(seconds: float, pages: list[dict[str, float]]) -> None:
     """Show the page in a real browser; its drawing without a graphics card takes a core."""
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
     from browser import chromium
 
     with tempfile.TemporaryDirectory() as profile, chromium(Path(profile)) as browser:

@@ -28,8 +28,8 @@ import numpy as np
 import psutil
 
 from cabols_control.bags.reader import read_bag
-from cabols_control.realtime import PM_QOS
-from cabols_sim.bench_run import isolated_environment, real_time_arguments, run_bench
+from cabols_control.realtime.scheduling import PM_QOS
+from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 
 CONTROL_TOPICS = ("limb_state", "wrench", "motor_current", "tension_command", "desired_wrench")
 ROBOT_TOPICS = ("platform_pose", "joint_states")

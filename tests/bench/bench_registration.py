@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from cabols_control.geometry import load_geometry
-from cabols_control.registration import register_frame, register_pose
+from cabols_control.registration.reflectors import register_frame, register_pose
 from cabols_hw.tracker.beam import BeamNoise, predicted_covariance
 from cabols_hw.tracker.config import load_tracker_config
 

@@ -16,14 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
 from cabols_control.configuration import packaged
-from cabols_sim.robot.robot_target import RobotTarget
+from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_stiffness import identify
-from cabols_stiffness.compensation import correct
-from cabols_stiffness.screws import logarithm
-from cabols_stiffness.validation import choose_model, validate
+from cabols_stiffness.identification.validation import choose_model, validate
+from cabols_stiffness.model.compensation import correct
+from cabols_stiffness.model.screws import logarithm
 from stiffness_bench import (
     Bench,
     bench_configurations,

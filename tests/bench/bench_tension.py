@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from cabols_control.kinematics import structure_matrix_into
+from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.tension import DEFAULT_WEIGHTS, RigTensionResolver, TensionResolver
 
 LOW, HIGH, N = 1.0, 150.0, 8

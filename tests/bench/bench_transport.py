@@ -23,7 +23,7 @@ import numpy as np
 from bench_realtime import echo_pair
 
 from cabols_control.ros.transport import udp_variables
-from cabols_sim.bench_run import isolated_environment
+from cabols_sim.bench.run import isolated_environment
 
 LONG_S = 0.010
 READERS = 4

@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linprog
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.workspace.capacity import capacity_task
 from cabols_control.workspace.grid import box_grid, tilts
+from cabols_control.workspace.tool.workers import workers
 from cabols_control.workspace.wrench_set import wrench_box
-from cabols_control.workspace_tool.workers import workers
 from wrench_lps import box_vertices, feasible_poses
 
 LOW, HIGH = 1.0, 150.0

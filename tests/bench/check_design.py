@@ -18,19 +18,19 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
 from cabols_control.configuration import load_config, packaged
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
-from cabols_control.programs import load_program
+from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
 from cabols_control.workspace.capacity import capacity_along
 from cabols_control.workspace.grid import box_grid, tilts
 from cabols_control.workspace.wrench_set import wrench_box
-from cabols_hw.card_config import CardConfig
-from cabols_sim.closed_loop import PERIOD_S, simulate
-from cabols_sim.plant_config import PlantConfig
+from cabols_hw.card.config import CardConfig
+from cabols_sim.plant.closed_loop import PERIOD_S, simulate
+from cabols_sim.plant.config import PlantConfig
 from wrench_lps import VertexPrograms, box_vertices
 
 BOX = [50.0, 50.0, 50.0, 5.0, 5.0, 5.0]

@@ -16,9 +16,9 @@ from cabols_control.ros import topics
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.ros.robot_stream import JOINT_NAMES, JointStateBytes
 from cabols_stiffness.analysis.bag import NEEDED
-from cabols_stiffness.balance import Law, balance
 from cabols_stiffness.campaign.plan import BENCH, load_plan
-from cabols_stiffness.points import robot_of
+from cabols_stiffness.measurements.reflector_points import robot_of
+from cabols_stiffness.model.balance import Law, balance
 
 TRUE = np.array([966398.0, 731208.0, 317900.0, 13277.0, 7744.0, 2141.0])
 EVERY_S = 2.0

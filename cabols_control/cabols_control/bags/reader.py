@@ -18,7 +18,7 @@ from cabols_control.bags.definitions import parse_definition
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.metadata import custom_data, read_metadata
 from cabols_control.bags.names import absolute, relative
-from cabols_control.bags.scan import Message, Scan, first_stamp
+from cabols_control.bags.salvage import Message, Scan, first_stamp
 
 YEAR_NS = 365 * 24 * 3600 * 1_000_000_000
 

@@ -20,7 +20,7 @@ from cabols_control.bags.metadata import (
     write_metadata,
 )
 from cabols_control.bags.names import relative
-from cabols_control.bags.scan import Scan
+from cabols_control.bags.salvage import Scan
 from cabols_control.bags.writer import (
     METADATA_NAME,
     TEMPORARY_SUFFIX,

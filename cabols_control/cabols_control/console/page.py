@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from typing import Any
 
 from fastapi import Request
 from nicegui import app, context, ui
 
 from cabols_control.console.campaign_panel import CampaignPanel
-from cabols_control.console.desk import Answer, Desk, mark_of
+from cabols_control.console.dispatcher import Desk, mark_of
 from cabols_control.console.live_view import (
     health_html,
     limbs_html,
@@ -19,52 +19,10 @@ from cabols_control.console.live_view import (
     wrench_html,
 )
 from cabols_control.console.load_panel import LoadPanel
+from cabols_control.console.page_context import PageContext
 from cabols_control.console.rig_panels import LimbPanel, ModePanel, RobotPanel
 
 REFRESH_S = 0.4
-
-
-class PageContext:
-    """One open page: its id, and how its handlers reach the desk."""
-
-    def __init__(self, desk: Desk, page: str) -> None:
-        """Belong to a desk."""
-        self.desk = desk
-        self.page = page
-
-    @property
-    def in_command(self) -> bool:
-        """Whether this page may command."""
-        return not self.desk.lease.refusal(self.page)
-
-    async def do(self, asked: Awaitable[Answer]) -> Answer:
-        """Await an answer and show it."""
-        answer = await asked
-        self.show(answer)
-        return answer
-
-    def show(self, answer: Answer) -> None:
-        """Show a refusal; what was granted shows by itself, and both are in the log."""
-        if not answer.success:
-            ui.notify(
-                answer.message[:300],
-                type="negative",
-                position="bottom",
-                timeout=6000,
-                close_button="close",
-            )
-
-    async def call(self, service: str, **fields: Any) -> Answer:
-        """Call a service and show the answer."""
-        return await self.do(self.desk.call(self.page, service, **fields))
-
-    async def start(self, action: str, **fields: Any) -> Answer:
-        """Start an action and show the answer."""
-        return await self.do(self.desk.start(self.page, action, **fields))
-
-    async def cancel(self, action: str) -> Answer:
-        """Cancel an action and show the answer."""
-        return await self.do(self.desk.cancel(self.page, action))
 
 
 def build_page(desk: Desk) -> None:

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from cabols_control.console.mailbox import WARNING
-from cabols_control.modes import OperatingMode
+from cabols_control.console.latest import WARNING
+from cabols_control.supervision.modes import OperatingMode
 
 if TYPE_CHECKING:
-    from cabols_control.console.page import PageContext
+    from cabols_control.console.page_context import PageContext
 
 ASKED = (
     (OperatingMode.FREE_MOVING, "Free-move"),

@@ -19,8 +19,8 @@ from fastapi.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 
 from cabols_control.console.access import AccessPolicy
-from cabols_control.console.desk import Desk, Viewer
-from cabols_control.console.gate import Gate
+from cabols_control.console.dispatcher import Desk, Viewer
+from cabols_control.console.middleware import Gate
 from cabols_control.console.reports import report_file
 from cabols_control.console.uploads import UPLOAD_BYTES
 from cabols_control.errors import ConfigError

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.errors import CabolsError
-from cabols_control.programs import BUILT_IN, LoadProgram, parse_csv
+from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, parse_csv
 
 UPLOAD_BYTES = 2_000_000
 ROWS = 50_000

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cabols_control.modes import MOVING, NEXT, OperatingMode
+from cabols_control.supervision.modes import MOVING, NEXT, OperatingMode
 
 SILENT_S = 3.5
 """Every node tells on /diagnostics once a second."""

@@ -17,8 +17,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from cabols_control.commissioning_figures import draw_limb, draw_overview, modelled_step, save
-from cabols_control.commissioning_results import (
+from cabols_control.commissioning.figures import draw_limb, draw_overview, modelled_step, save
+from cabols_control.commissioning.results import (
     LimbResult,
     cable_tension_by_wrench,
     evaluate_step,

@@ -13,7 +13,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import BoolArray, FloatArray
-from cabols_control.commissioning import (
+from cabols_control.commissioning.programmes import (
     CommissioningConfig,
     CommissioningError,
     Programme,
@@ -21,15 +21,15 @@ from cabols_control.commissioning import (
     make_ramp,
     make_step,
 )
-from cabols_control.commissioning_results import evaluate_ramp, evaluate_step
+from cabols_control.commissioning.results import evaluate_ramp, evaluate_step
 from cabols_control.errors import CabolsError
-from cabols_control.limb_controller import LimbController
-from cabols_control.modes import OperatingMode
+from cabols_control.limb_control.controller import LimbController
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
 from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import control_qos
+from cabols_control.supervision.modes import OperatingMode
 
 POLL_S = 0.1
 ANSWER_S = 5.0

@@ -11,9 +11,9 @@ from pathlib import Path
 from cabols_msgs.msg import Attendance
 
 from cabols_control.console.access import AccessPolicy
-from cabols_control.console.desk import Desk, Settings
+from cabols_control.console.dispatcher import Desk, Settings
 from cabols_control.console.foxglove_link import FoxgloveLink
-from cabols_control.console.mailbox import Mailbox
+from cabols_control.console.latest import Mailbox
 from cabols_control.console.scene import SceneConfig, load_scene, scene_numbers
 from cabols_control.console.server import ConsoleServer, open_socket
 from cabols_control.errors import ConfigError

@@ -9,14 +9,14 @@ import numpy as np
 
 from cabols_control.checks import BoolArray
 from cabols_control.errors import ConfigError
-from cabols_control.limb_controller import LimbController, LimbSample, TensionSetpoint
-from cabols_control.modes import MOVING, OperatingMode
+from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.nodes.commission_server import CommissionServer
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_limbs, warm_loaded_step
 
 MODE_TIMEOUT_S = 0.5

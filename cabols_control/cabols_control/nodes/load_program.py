@@ -15,9 +15,8 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from scipy.spatial.transform import Rotation
 
 from cabols_control.errors import CabolsError
-from cabols_control.feasibility import ProgramCheck, check_program
-from cabols_control.modes import OperatingMode
-from cabols_control.programs import BUILT_IN, LoadProgram, load_program
+from cabols_control.load_programs.feasibility import ProgramCheck, check_program
+from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name, live_qos
 from cabols_control.ros.loop import ControlLoop, Input, Output
@@ -26,6 +25,7 @@ from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.ros.ticker import Ticker
+from cabols_control.supervision.modes import OperatingMode
 
 FEEDBACK_S = 0.2
 STOP_S = 8.0

@@ -8,7 +8,7 @@ from typing import Any
 
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cabols_control.console.mailbox import Mailbox
+from cabols_control.console.latest import Mailbox
 from cabols_control.console.scene import load_scene
 from cabols_control.console.shapes import CYLINDER, Shape, rig_shapes
 from cabols_control.ros.console_feed import Feed

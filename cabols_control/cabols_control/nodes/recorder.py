@@ -15,7 +15,7 @@ from cabols_control.bags.errors import BagError
 from cabols_control.bags.names import relative
 from cabols_control.configuration import packaged
 from cabols_control.errors import ConfigError
-from cabols_control.realtime import be_ordinary
+from cabols_control.realtime.scheduling import be_ordinary
 from cabols_control.ros import topics
 from cabols_control.ros.node import WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare

@@ -12,8 +12,6 @@ from cabols_msgs.msg import LoopStatus
 from cabols_msgs.srv import SetMode
 from std_srvs.srv import Trigger
 
-from cabols_control.attendance import Attendance
-from cabols_control.modes import MOVING
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout
 from cabols_control.ros.live import live_name, live_qos
@@ -22,8 +20,10 @@ from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from cabols_control.ros.ticker import Ticker
-from cabols_control.supervision import EMERGENCY, Supervision, SupervisionConfig
-from cabols_control.wakefulness import Wakefulness
+from cabols_control.supervision.modes import MOVING
+from cabols_control.supervision.operator_watchdog import Attendance
+from cabols_control.supervision.starvation import Wakefulness
+from cabols_control.supervision.supervisor import EMERGENCY, Supervision, SupervisionConfig
 
 PERIOD_S = 0.02
 NEWS_S = 0.06

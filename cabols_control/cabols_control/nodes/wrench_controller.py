@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import control_qos, latched_qos
-from cabols_control.tension_reference import DesiredTension
+from cabols_control.supervision.modes import OperatingMode
 from cabols_control.warm_up import warm_wrenches
-from cabols_control.wrench_controller import DesiredWrench, WrenchController
+from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
+from cabols_control.wrench_control.tension_setpoint import DesiredTension
 
 POSE_TIMEOUT_S = 0.5
 LOCKSTEP_EXCUSE_NS = 1_000_000_000

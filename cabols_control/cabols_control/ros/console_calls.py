@@ -20,8 +20,8 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from cabols_control.console.desk import Answer
-from cabols_control.console.mailbox import NOTICE, WARNING, Mailbox
+from cabols_control.console.dispatcher import Answer
+from cabols_control.console.latest import NOTICE, WARNING, Mailbox
 from cabols_control.ros.executor_thread import hand_over
 
 ANSWER_S = 5.0

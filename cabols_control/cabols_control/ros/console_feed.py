@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from cabols_control.console.mailbox import FAULT, INFO, NOTICE, WARNING, Mailbox
+from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, Mailbox
 from cabols_control.console.view_models import (
     LoopReport,
     Measured,
@@ -32,12 +32,12 @@ from cabols_control.console.view_models import (
     mode_view,
     numbers,
 )
-from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name, live_qos
 from cabols_control.ros.loop import Input, subscribe_aside
 from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.supervision.modes import OperatingMode
 
 STALE_S = 0.5
 """Values that are older are shown as none."""

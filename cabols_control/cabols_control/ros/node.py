@@ -12,7 +12,13 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from cabols_control.errors import CabolsError
-from cabols_control.realtime import apply_scheduling, collect_young, freeze_garbage, give_back
+from cabols_control.realtime.kernel_signatures import compiled_since, specialisations
+from cabols_control.realtime.scheduling import (
+    apply_scheduling,
+    collect_young,
+    freeze_garbage,
+    give_back,
+)
 from cabols_control.ros import topics, transport
 from cabols_control.ros.diagnostics import Diagnostics
 from cabols_control.ros.executor_thread import hand_over
@@ -26,7 +32,6 @@ from cabols_control.ros.parameters import (
 )
 from cabols_control.ros.qos import status_qos
 from cabols_control.ros.statistics import Durations
-from cabols_control.specialisations import compiled_since, specialisations
 
 RCLError = rclpy_implementation.RCLError
 WAITING, RUNNING, FAULT = 0, 1, 2

@@ -7,7 +7,7 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
-from cabols_control.realtime import Scheduling
+from cabols_control.realtime.scheduling import Scheduling
 from cabols_control.rig import Rig, load_rig
 
 

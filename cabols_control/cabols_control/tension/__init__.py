@@ -4,11 +4,11 @@
 for new poses. Compiled loops use `pack_pose` once per pose and `solve_packed` per wrench.
 """
 
-from .basis import pack_pose
 from .distribution import DEFAULT_WEIGHTS, METHODS, distribute
-from .layout import pack_size
+from .kernels.basis import pack_pose
+from .kernels.dispatch import detect_packed, solve_batch, solve_packed, solve_pose_batch
+from .kernels.work_array import pack_size
 from .methods import CHOICES, check_method, choose_packed, set_method
-from .packed import detect_packed, solve_batch, solve_packed, solve_pose_batch
 from .resolver import RigTensionResolver, TensionResolver
 from .solution import FEASIBLE, INFEASIBLE, INVALID, TensionSolution
 

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import finite_array
 from cabols_control.errors import CabolsError, ShapeError
 
-from .basis import pack_pose
-from .dense import solve_daqp
-from .enumeration import enumerate_active_sets
-from .layout import ITERATIONS, pack_size
+from .kernels.basis import pack_pose
+from .kernels.work_array import ITERATIONS, pack_size
 from .methods import CHOICES, DEFAULT_EXPONENT, choose_packed, set_method
+from .references.daqp_fallback import solve_daqp
+from .references.enumeration import enumerate_active_sets
 from .solution import FEASIBLE, INVALID, FloatArray, TensionSolution
 
 MIN_CABLES = 6

@@ -17,7 +17,7 @@ import math
 
 from cabols_control.errors import CabolsError
 
-from .centres import (
+from .kernels.centres import (
     DERIVATIVES,
     analytic_centre,
     analytic_on_segment,
@@ -27,7 +27,10 @@ from .centres import (
     least_on_segment,
     move,
 )
-from .layout import (
+from .kernels.dispatch import clip_and_subtract, solve_packed
+from .kernels.polygon import centroid, feasible_polygon, flat_ends, max_corners
+from .kernels.static_size import EIGHT, compiled
+from .kernels.work_array import (
     CABLES,
     EXPONENT,
     ITERATIONS,
@@ -40,9 +43,6 @@ from .layout import (
     at_limits,
     at_scratch,
 )
-from .packed import clip_and_subtract, solve_packed
-from .polygon import centroid, feasible_polygon, flat_ends, max_corners
-from .sizes import EIGHT, compiled
 from .solution import FEASIBLE, INVALID, FloatArray
 
 MIN_NORM, P_NORM, BARYCENTRE, ANALYTIC_CENTRE = 0, 1, 2, 3

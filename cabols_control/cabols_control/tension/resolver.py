@@ -14,16 +14,16 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike
 
+from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.checks import finite_array
 from cabols_control.errors import ShapeError
-from cabols_control.kinematics import structure_matrix_into
 
-from .basis import pack_pose
 from .distribution import MIN_CABLES, check_limits, check_matrix, check_weights, check_wrench
-from .eight import solve_pose_eight
-from .layout import CABLES, ITERATIONS, at_limits, at_structure, at_weights, pack_size
-from .packed import detect_packed, solve_batch, solve_packed, solve_pose_batch
-from .sizes import compiled
+from .kernels.basis import pack_pose
+from .kernels.dispatch import detect_packed, solve_batch, solve_packed, solve_pose_batch
+from .kernels.eight_cables import solve_pose_eight
+from .kernels.static_size import compiled
+from .kernels.work_array import CABLES, ITERATIONS, at_limits, at_structure, at_weights, pack_size
 from .solution import FEASIBLE, FloatArray, IntArray, TensionSolution
 
 _WRONG_SHAPE = 3

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.checks import BoolArray, FloatArray, finite_array
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
-from cabols_control.kinematics import structure_matrix_into
 from cabols_control.tension import DEFAULT_WEIGHTS, pack_size
 from cabols_control.tension.distribution import check_limits, check_weights
-from cabols_control.tension.sizes import compiled
+from cabols_control.tension.kernels.static_size import compiled
 
 from .hyperplanes import (
     CLOSURE,

@@ -22,7 +22,8 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.tension import pack_pose
-from cabols_control.tension.layout import (
+from cabols_control.tension.kernels.static_size import compiled
+from cabols_control.tension.kernels.work_array import (
     CABLES,
     SCALE,
     TOLERANCE,
@@ -30,7 +31,6 @@ from cabols_control.tension.layout import (
     at_inverse,
     at_limits,
 )
-from cabols_control.tension.sizes import compiled
 
 DEPENDENT = 1e-9
 """Columns that leave less than this of a unit direction count as dependent: no facet is lost."""

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
-from cabols_control.tension.sizes import compiled
+from cabols_control.tension.kernels.static_size import compiled
 
 from .bodies import SHARE_BASE, SHARE_PLATFORM, Bodies, InterferenceTask, interference_task
 from .segments import Point, dot, minus, row, segment_distance, towards

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from cabols_control.checks import FloatArray
-from cabols_control.tension.sizes import compiled
+from cabols_control.tension.kernels.static_size import compiled
 
 Point = tuple[float, float, float]
 SMALL = 1e-24

@@ -18,12 +18,12 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.serialization import serialize_message
 
 from cabols_control.errors import ConfigError
-from cabols_control.modes import OperatingMode
 from cabols_control.ros.loop import Output
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import status_qos
+from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import RobotError

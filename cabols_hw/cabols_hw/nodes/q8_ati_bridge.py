@@ -7,15 +7,15 @@ import sys
 import numpy as np
 
 from cabols_control.errors import ConfigError
-from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
-from cabols_hw.bridge import Bridge
-from cabols_hw.card_config import CardConfig
-from cabols_hw.daq import CardSample, Daq
-from cabols_hw.quanser import open_q8
+from cabols_control.supervision.modes import OperatingMode
+from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.card.config import CardConfig
+from cabols_hw.card.daq import CardSample, Daq
+from cabols_hw.card.quanser import open_q8
 from cabols_hw.ros.bridge_node import BridgeNode
 
 

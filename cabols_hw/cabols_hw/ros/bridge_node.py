@@ -13,7 +13,6 @@ from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
 from cabols_control.configuration import load_config, packaged
-from cabols_control.modes import MOVING, OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
@@ -22,12 +21,13 @@ from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos, latched_qos
-from cabols_control.supervision import EMERGENCY
-from cabols_hw.bridge import Bridge
-from cabols_hw.card_config import CardConfig
-from cabols_hw.daq import CardSample, Daq
-from cabols_hw.guard import BridgeGuard
-from cabols_hw.safety_config import SafetyConfig
+from cabols_control.supervision.modes import MOVING, OperatingMode
+from cabols_control.supervision.supervisor import EMERGENCY
+from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.card.config import CardConfig
+from cabols_hw.card.daq import CardSample, Daq
+from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.safety.guard import BridgeGuard
 
 RING = 1024
 ANSWER_WAIT_NS = 20_000_000

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from cabols_control.checks import finite_array
-from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
 
 WAIT_S = 0.01

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
 from cabols_control.configuration import STRICT, load_config, packaged
 from cabols_control.errors import ConfigError, OutOfRangeError
-from cabols_control.rigid_fit import RegistrationError, require_spread
+from cabols_control.registration.rigid_fit import RegistrationError, require_spread
 from cabols_hw.tracker.beam import BeamNoise
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray
 from cabols_control.kinematics import cable_lengths, structure_matrix
-from cabols_control.programs import LoadProgram
+from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import ControlConfig, Rig
 from cabols_control.tension import distribute
 from cabols_sim.dynamics.loops import FREQUENCIES, design_margins

@@ -98,7 +98,7 @@ def judge(kind: str, seed: int, data: TrialData) -> TrialResult:
     Where the bridge itself stands still it cannot tell: the card's watchdog has zeroed the outputs
     CARD_WATCHDOG_S into the gap if the first sample after it finds them at zero. Where it is gone
     for good, and with it the simulated physics, the rig counts as safe: that watchdog is shown by
-    the frozen bridge and by tests/test_daq_contract.py.
+    the frozen bridge and by tests/hw/test_daq_contract.py.
     """
     first = min(data.reports, key=lambda report: report.stamp_s, default=None)
     force = float(np.linalg.norm(data.wrench[:, :3], axis=1).max(initial=0.0))

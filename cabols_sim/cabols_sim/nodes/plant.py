@@ -12,7 +12,6 @@ from cabols_msgs.srv import InjectFault
 from scipy.spatial.transform import Rotation
 
 from cabols_control.configuration import load_config, packaged
-from cabols_control.modes import OperatingMode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
@@ -21,19 +20,20 @@ from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import control_qos
+from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations
-from cabols_hw.bridge import Bridge
-from cabols_hw.card_config import CardConfig
+from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.card.config import CardConfig
 from cabols_hw.ros.bridge_node import BridgeNode
-from cabols_hw.safety_config import SafetyConfig
-from cabols_sim.card import SimulatedQ8
-from cabols_sim.device_link import DEFAULT_LINK_PORT, PlantLink
+from cabols_hw.safety.config import SafetyConfig
+from cabols_sim.devices.link import DEFAULT_LINK_PORT, PlantLink
+from cabols_sim.devices.robot.coupling import RobotCoupling
+from cabols_sim.devices.robot.robot_config import RobotConfig
+from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_sim.faults import FaultError
-from cabols_sim.plant import Plant
-from cabols_sim.plant_config import PlantConfig
-from cabols_sim.robot.coupling import RobotCoupling
-from cabols_sim.robot.robot_config import RobotConfig
-from cabols_sim.robot.robot_target import RobotTarget
+from cabols_sim.plant.card import SimulatedQ8
+from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.plant import Plant
 
 POSE_EVERY = 4
 """The robot reports its pose every 4 ms; in lockstep every sample has one."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from cabols_sim.reproductions.common import Reproduction
+from cabols_control.run_report.section import ReportSection
 from cabols_sim.reproductions.gain_tables import reproduce_gains
 from cabols_sim.reproductions.identification import reproduce_identification
 from cabols_sim.reproductions.linearity import reproduce_linearity
@@ -17,7 +17,7 @@ from cabols_sim.reproductions.tension_step import reproduce_tension_step
 
 __all__ = [
     "REPRODUCTIONS",
-    "Reproduction",
+    "ReportSection",
     "reproduce_gains",
     "reproduce_identification",
     "reproduce_linearity",
@@ -26,7 +26,7 @@ __all__ = [
     "run_all",
 ]
 
-REPRODUCTIONS: tuple[Callable[[], Reproduction], ...] = (
+REPRODUCTIONS: tuple[Callable[[], ReportSection], ...] = (
     reproduce_gains,
     reproduce_identification,
     reproduce_stiffness,
@@ -36,7 +36,7 @@ REPRODUCTIONS: tuple[Callable[[], Reproduction], ...] = (
 JSON_NAME = "reproductions.json"
 
 
-def run_all(folder: str | Path) -> dict[str, Reproduction]:
+def run_all(folder: str | Path) -> dict[str, ReportSection]:
     """Compute all reproductions; write a PNG for each and reproductions.json.
 
     Args:

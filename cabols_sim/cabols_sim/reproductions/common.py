@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numba import njit
 
 from cabols_control.checks import FloatArray
 from cabols_control.configuration import load_config, packaged
 from cabols_control.gains import LimbGains
-from cabols_control.limb_law import limb_law_into
+from cabols_control.limb_control.law import limb_law_into
 from cabols_control.rig import Rig, load_rig
-from cabols_hw.card_config import CardConfig
-from cabols_sim.physics import limb_step
-from cabols_sim.plant_config import LimbPlantConfig, PlantConfig
+from cabols_hw.card.config import CardConfig
+from cabols_sim.plant.config import LimbPlantConfig, PlantConfig
+from cabols_sim.plant.limb_physics import limb_step
 
 PERIOD_S = 0.001
 CABLE_LENGTH_M = 1.424
@@ -26,37 +23,6 @@ CABLE_LENGTH_M = 1.424
 K_SPRING, K_CABLE = 2200.0, 10720.0
 """k_e with and without the spring [N/m], section 3.4.1."""
 DPI = 120
-
-
-@dataclass(frozen=True, eq=False)
-class Reproduction:
-    """One result of the source, computed anew.
-
-    Attributes:
-        key: short name, stem of its files.
-        title: what it is, with the source's number.
-        text: what was done and what came out, one paragraph.
-        numbers: results; every key ends in its unit.
-        header: of the table.
-        rows: of the table.
-        figure: drawn.
-        data: arrays behind the figure, SI units.
-    """
-
-    key: str
-    title: str
-    text: str
-    numbers: dict[str, Any]
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    figure: Figure
-    data: dict[str, FloatArray]
-
-    def png(self) -> bytes:
-        """Return the figure as a PNG picture."""
-        stream = io.BytesIO()
-        self.figure.savefig(stream, format="png", dpi=DPI)
-        return stream.getvalue()
 
 
 @dataclass(frozen=True)

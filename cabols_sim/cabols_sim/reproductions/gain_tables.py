@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cabols_control.checks import FloatArray
-from cabols_sim.figures import new_figure, tidy
-from cabols_sim.reproductions.common import Reproduction, bench
+from cabols_control.run_report.figures import new_figure, tidy
+from cabols_control.run_report.section import ReportSection
+from cabols_sim.reproductions.common import bench
 
 PRINTED_K_I = {
     "table 3.2": (4.3871, 1.0212, 3.2639, 2.8484, 2.9423, 2.7339, 1.0011, 3.6667),
@@ -26,7 +27,7 @@ ROUNDING = 0.6e-4
 """Half of the last printed digit, and a little for the rounding of table 3.1."""
 
 
-def reproduce_gains() -> Reproduction:
+def reproduce_gains() -> ReportSection:
     """Compute both tables of gains and mark what the source misprints."""
     gains = bench().rig.gains
     k_i = np.array([g.integral for g in gains.limbs]) * 1e-3
@@ -69,7 +70,7 @@ def reproduce_gains() -> Reproduction:
         "table 3.2",
     )
     table = tuple((*row, f"{k_p2[0]:.4f}", f"{PRINTED_K_P2} *") for row in rows)
-    return Reproduction(
+    return ReportSection(
         "gains",
         "Tables 3.2 and 4.2: gains of inner and outer loop",
         text,

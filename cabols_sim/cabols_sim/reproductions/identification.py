@@ -12,11 +12,11 @@ from cabols_control.limb import (
     identify_limb_with_friction,
     step_response,
 )
-from cabols_sim.figures import new_figure, tidy
-from cabols_sim.plant_config import PlantConfig
+from cabols_control.run_report.figures import new_figure, tidy
+from cabols_control.run_report.section import ReportSection
+from cabols_sim.plant.config import PlantConfig
 from cabols_sim.reproductions.common import (
     PERIOD_S,
-    Reproduction,
     bench,
     drive_slack_limb,
     sample_times,
@@ -47,7 +47,7 @@ def _measure(plant: PlantConfig, limb: int, current: FloatArray) -> tuple[FloatA
     return sample_times(current.size), wound
 
 
-def reproduce_identification() -> Reproduction:
+def reproduce_identification() -> ReportSection:
     """Identify all limbs on the linear plant and on the full one."""
     setup = bench()
     full, linear = setup.plant, setup.plant.linear()
@@ -77,7 +77,7 @@ def _result(
     constants: dict[str, FloatArray],
     found: dict[str, list[LimbModel]],
     frictions: FloatArray,
-) -> Reproduction:
+) -> ReportSection:
     plant = bench().plant.limbs
     k, t = np.array(plant.gain), np.array(plant.time_constant)
     # Viscous friction beyond table 3.1 is part of what (3.11) calls k and T: see physics.limb_step.
@@ -155,7 +155,7 @@ def _result(
     data |= {f"time_constant_{name}": value for name, value in constants.items()}
     data |= {"true_gain": true_k, "true_time_constant": true_t, "friction": frictions}
     title = "Table 3.1: limbs identified from a step of 0.5 A"
-    return Reproduction(
+    return ReportSection(
         "identification", title, text, numbers, header, rows, _draw(found["full"], bias), data
     )
 

@@ -7,10 +7,11 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 from cabols_control.checks import FloatArray
-from cabols_control.response import rise_time
-from cabols_sim.closed_loop import simulate
-from cabols_sim.figures import LIMB_COLOURS, new_figure, tidy
-from cabols_sim.reproductions.common import PERIOD_S, Reproduction, bench
+from cabols_control.run_report.figures import LIMB_COLOURS, new_figure, tidy
+from cabols_control.run_report.section import ReportSection
+from cabols_control.run_report.step_response import rise_time
+from cabols_sim.plant.closed_loop import simulate
+from cabols_sim.reproductions.common import PERIOD_S, bench
 
 NAMES = ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")
 LEVELS = (40.0, 40.0, 60.0, 4.0, 4.0, 4.0)
@@ -81,7 +82,7 @@ def step_component(component: int, level: float, linear: bool) -> tuple[FloatArr
     return trace.time[begin:] - trace.time[begin], share
 
 
-def reproduce_linearity() -> Reproduction:
+def reproduce_linearity() -> ReportSection:
     """Step each component by three amplitudes on the linear plant and by one on the full one."""
     linear: dict[tuple[int, float], FloatArray] = {}
     full: list[FloatArray] = []
@@ -145,7 +146,7 @@ def reproduce_linearity() -> Reproduction:
     data["linear"] = np.array([linear[c, 1.0] for c in range(6)])
     figure = _draw(time, model, linear, full)
     title = "Equation (3.22): the wrench loop is linear"
-    return Reproduction("linearity", title, text, numbers, header, rows, figure, data)
+    return ReportSection("linearity", title, text, numbers, header, rows, figure, data)
 
 
 def _draw(

@@ -7,12 +7,12 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_control.gains import limb_gains
 from cabols_control.limb import StiffnessFit, identify_stiffness
-from cabols_sim.figures import decimate, new_figure, tidy
+from cabols_control.run_report.figures import decimate, new_figure, tidy
+from cabols_control.run_report.section import ReportSection
 from cabols_sim.reproductions.common import (
     K_CABLE,
     K_SPRING,
     PERIOD_S,
-    Reproduction,
     bench,
     control_limb,
     without_spring,
@@ -52,7 +52,7 @@ def _test(k_e: float, seed: int) -> tuple[FloatArray, FloatArray, StiffnessFit, 
     )
 
 
-def reproduce_stiffness() -> Reproduction:
+def reproduce_stiffness() -> ReportSection:
     """Wind the cable in and out slowly and fit the force/elongation line."""
     cases = {"with": K_SPRING, "without": K_CABLE}
     found = {name: _test(k_e, seed) for seed, (name, k_e) in enumerate(cases.items())}
@@ -119,4 +119,4 @@ def reproduce_stiffness() -> Reproduction:
     for name in cases:
         data[f"elongation_{name}"], data[f"tension_{name}"] = found[name][:2]
     title = "Figure 3.6: stiffness of a limb with and without its spring"
-    return Reproduction("stiffness", title, text, dict(numbers), header, tuple(rows), figure, data)
+    return ReportSection("stiffness", title, text, dict(numbers), header, tuple(rows), figure, data)

@@ -11,15 +11,15 @@ from scipy import signal
 
 from cabols_control.checks import FloatArray
 from cabols_control.gains import limb_gains
-from cabols_control.response import rise_time
-from cabols_sim.figures import new_figure, tidy
-from cabols_sim.plant_config import LimbPlantConfig
+from cabols_control.run_report.figures import new_figure, tidy
+from cabols_control.run_report.section import ReportSection
+from cabols_control.run_report.step_response import rise_time
+from cabols_sim.plant.config import LimbPlantConfig
 from cabols_sim.reproductions.common import (
     K_CABLE,
     K_SPRING,
     PERIOD_S,
     LimbTrace,
-    Reproduction,
     bench,
     control_limb,
     without_spring,
@@ -86,7 +86,7 @@ def judge(trace: LimbTrace) -> StepFigures:
     )
 
 
-def reproduce_tension_step() -> Reproduction:
+def reproduce_tension_step() -> ReportSection:
     """Step limb 1 on two gears, with and without spring; all limbs on the bench's gear."""
     setup = bench()
     bench_gear = setup.plant.limbs
@@ -130,7 +130,7 @@ def reproduce_tension_step() -> Reproduction:
     for (gear, spring), trace in traces.items():
         key = f"{gear}_{spring}".replace(" ", "_")
         data[f"tension_{key}"], data[f"estimate_{key}"] = trace.tension, trace.estimate
-    return Reproduction(
+    return ReportSection(
         "tension_step",
         "Figure 3.8: tension step of one limb with and without its spring",
         _text(found, numbers),

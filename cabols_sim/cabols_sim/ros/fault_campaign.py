@@ -14,7 +14,7 @@ import threading
 import time
 from pathlib import Path
 
-from cabols_sim.bench_run import isolated_environment, real_time_arguments, run_bench
+from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.modes import OperatingMode
-from cabols_control.programs import CSV_HEADER
+from cabols_control.load_programs.programs import CSV_HEADER
+from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.judgement import Report, TrialData, TrialResult, judge
 from cabols_sim.fault_campaign.kinds import Kind
 from cabols_sim.ros.rig_watch import RigError, RigWatch

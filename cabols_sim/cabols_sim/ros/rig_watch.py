@@ -21,11 +21,11 @@ from std_srvs.srv import Trigger
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import load_geometry
-from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics, transport
 from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Input, make_wait_set, wait
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
 IN_PATH = ("plant", "limb_controller", "wrench_controller")

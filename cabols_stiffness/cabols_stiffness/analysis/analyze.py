@@ -16,9 +16,9 @@ from cabols_stiffness.analysis.source import Source, is_campaign, read_source
 from cabols_stiffness.analysis.study import Study, study
 from cabols_stiffness.analysis.tables import summary, write_tables
 from cabols_stiffness.campaign.journal import SAMPLES, read_log, read_samples
-from cabols_stiffness.measured import to_cells
-from cabols_stiffness.result import MODELS
-from cabols_stiffness.result_file import write_result
+from cabols_stiffness.measurements.measured_load import to_cells
+from cabols_stiffness.model.result import MODELS
+from cabols_stiffness.model.result_file import write_result
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -16,8 +16,8 @@ from cabols_control.bags.reader import batches
 from cabols_control.geometry import load_geometry
 from cabols_stiffness.campaign.plan import CampaignPlan
 from cabols_stiffness.errors import CampaignError
-from cabols_stiffness.measured import MeasuredLoad
-from cabols_stiffness.window import Rolling, average
+from cabols_stiffness.measurements.measured_load import MeasuredLoad
+from cabols_stiffness.measurements.window import Rolling, average
 
 NEEDED = {
     "wrench": "geometry_msgs/msg/WrenchStamped",

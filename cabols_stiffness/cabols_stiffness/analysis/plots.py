@@ -13,8 +13,8 @@ from bokeh.plotting import figure
 
 from cabols_control.checks import FloatArray
 from cabols_stiffness.analysis.study import Study
-from cabols_stiffness.robot import JOINTS
-from cabols_stiffness.validation import Validation, validate
+from cabols_stiffness.identification.validation import Validation, validate
+from cabols_stiffness.model.robot import JOINTS
 
 MEASURED, PREDICTED, INK = "#c0392b", "#1f5fa8", "#5b6770"
 TOOLS = "pan,box_zoom,wheel_zoom,reset,save"

@@ -15,7 +15,7 @@ from cabols_stiffness.analysis.plots import joint_plots, load_plots, validation_
 from cabols_stiffness.analysis.source import Source
 from cabols_stiffness.analysis.study import Study
 from cabols_stiffness.analysis.tables import stiffness_table, summary
-from cabols_stiffness.compliance import compliance_table
+from cabols_stiffness.model.compliance import compliance_table
 
 RATED_N = 60.0
 """Weight of the rated load of an IRB 1600-6, about."""

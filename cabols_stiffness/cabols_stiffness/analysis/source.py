@@ -22,7 +22,7 @@ from cabols_stiffness.analysis.bag import (
 from cabols_stiffness.campaign.journal import PLAN, bags_of
 from cabols_stiffness.campaign.plan import CampaignPlan, load_plan
 from cabols_stiffness.errors import CampaignError
-from cabols_stiffness.measured import MeasuredLoad
+from cabols_stiffness.measurements.measured_load import MeasuredLoad
 
 VERSIONS_OF = ("cabols_stiffness", "cabols_control", "cabols_msgs", "numpy", "scipy", "pin",
                "rosbags", "mcap", "bokeh")  # fmt: skip

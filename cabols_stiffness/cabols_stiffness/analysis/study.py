@@ -11,16 +11,21 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.campaign.plan import CampaignPlan
 from cabols_stiffness.errors import CampaignError
-from cabols_stiffness.fit import IdentificationError
-from cabols_stiffness.identification import identify
-from cabols_stiffness.loads_result import corrected, identify_loads
-from cabols_stiffness.measured import MeasuredLoad
-from cabols_stiffness.points import Frames, robot_of
-from cabols_stiffness.poses import poses
-from cabols_stiffness.result import StiffnessResult
-from cabols_stiffness.robot import RobotModel
-from cabols_stiffness.samples import PointSamples, Samples, select
-from cabols_stiffness.validation import ModelChoice, Validation, choose_model, validate
+from cabols_stiffness.identification.gauss_newton import IdentificationError
+from cabols_stiffness.identification.identify import identify
+from cabols_stiffness.identification.iterate import corrected, identify_loads
+from cabols_stiffness.identification.validation import (
+    ModelChoice,
+    Validation,
+    choose_model,
+    validate,
+)
+from cabols_stiffness.measurements.measured_load import MeasuredLoad
+from cabols_stiffness.measurements.poses import poses
+from cabols_stiffness.measurements.reflector_points import Frames, robot_of
+from cabols_stiffness.measurements.samples import PointSamples, Samples, select
+from cabols_stiffness.model.result import StiffnessResult
+from cabols_stiffness.model.robot import RobotModel
 
 
 @dataclass(frozen=True, eq=False)

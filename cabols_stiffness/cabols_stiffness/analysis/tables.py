@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from cabols_stiffness.analysis.study import Study
-from cabols_stiffness.measured import columns, to_cells
-from cabols_stiffness.result import StiffnessResult
-from cabols_stiffness.robot import JOINTS
-from cabols_stiffness.validation import Validation
+from cabols_stiffness.identification.validation import Validation
+from cabols_stiffness.measurements.measured_load import columns, to_cells
+from cabols_stiffness.model.result import StiffnessResult
+from cabols_stiffness.model.robot import JOINTS
 
 Rows = list[list[str]]
 

@@ -27,7 +27,7 @@ from cabols_stiffness.campaign.requests import (
     Rest,
     Tell,
 )
-from cabols_stiffness.samples import REFERENCE
+from cabols_stiffness.measurements.samples import REFERENCE
 
 Steps: TypeAlias = Generator[Request, Reply, None]
 Answer: TypeAlias = Generator[Request, Reply, Reply]

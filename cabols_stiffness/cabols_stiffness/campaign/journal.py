@@ -20,7 +20,7 @@ from cabols_control.configuration import packaged
 from cabols_stiffness.campaign.plan import BENCH, CampaignPlan, load_plan
 from cabols_stiffness.campaign.requests import LoadKey
 from cabols_stiffness.errors import CampaignError
-from cabols_stiffness.measured import MeasuredLoad, columns, from_cells, to_cells
+from cabols_stiffness.measurements.measured_load import MeasuredLoad, columns, from_cells, to_cells
 
 PLAN, SAMPLES, LOG, BAGS, LOCK = "campaign.yaml", "samples.csv", "log.csv", "bags", ".lock"
 LOG_COLUMNS = ("time_ns", "what", "configuration", "reflector", "load", "reason")

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
+from cabols_control.cable_kernels import structure_matrix_unchecked
 from cabols_control.checks import FloatArray, IntArray, finite_array, in_range
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
-from cabols_control.kinematics import structure_matrix_unchecked
-from cabols_stiffness.robot import JOINTS, RobotModel
-from cabols_stiffness.screws import exponential, logarithm, turning
+from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.screws import exponential, logarithm, turning
 
 SEGMENT_PARTS = 24
 """Points per cable in the search for the nearest approach of two."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import FloatArray, IntArray
-from cabols_stiffness.balance import Law, balance
 from cabols_stiffness.design.candidates import Candidates
-from cabols_stiffness.robot import JOINTS, RobotModel
-from cabols_stiffness.samples import covariances
-from cabols_stiffness.screws import point_motion
+from cabols_stiffness.measurements.samples import covariances
+from cabols_stiffness.model.balance import Law, balance
+from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.screws import point_motion
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,9 @@ from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
-from cabols_stiffness.compensation import correct
-from cabols_stiffness.result_file import from_mapping, tool_of
-from cabols_stiffness.robot import load_robot
+from cabols_stiffness.model.compensation import correct
+from cabols_stiffness.model.result_file import from_mapping, tool_of
+from cabols_stiffness.model.robot import load_robot
 
 
 class CompensationNode(ControlNode):

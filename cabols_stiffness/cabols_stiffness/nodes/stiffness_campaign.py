@@ -21,12 +21,12 @@ from cabols_control.bags.metadata import FILE_NAME as METADATA
 from cabols_control.bags.recover import recover
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
-from cabols_control.modes import OperatingMode
 from cabols_control.ros.loop import Output
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.analysis.bag import read_loads
 from cabols_stiffness.campaign.journal import PLAN, Journal
 from cabols_stiffness.ros.campaign_run import CampaignRun

@@ -15,8 +15,8 @@ from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.qos import latched_qos, status_qos
 from cabols_stiffness.campaign.journal import PLAN, read_samples
 from cabols_stiffness.campaign.plan import load_plan
+from cabols_stiffness.identification.running import RunningIdentification
 from cabols_stiffness.ros.report_service import ReportService
-from cabols_stiffness.running import RunningIdentification
 
 REPORT_S = 0.5
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.kinematics import structure_matrix
-from cabols_control.modes import OperatingMode
 from cabols_control.ros.node import ControlNode
+from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.campaign.flow import Flow
 from cabols_stiffness.campaign.journal import Journal
 from cabols_stiffness.campaign.requests import (
@@ -33,12 +33,12 @@ from cabols_stiffness.campaign.requests import (
     Tell,
 )
 from cabols_stiffness.errors import CampaignError
-from cabols_stiffness.measured import MeasuredLoad
+from cabols_stiffness.measurements.measured_load import MeasuredLoad
+from cabols_stiffness.measurements.samples import REFERENCE
+from cabols_stiffness.measurements.window import average, stands
 from cabols_stiffness.ros.intake import Intake
 from cabols_stiffness.ros.leader import TensionLeader
 from cabols_stiffness.ros.operator import InterruptedCampaignError, Operator
-from cabols_stiffness.samples import REFERENCE
-from cabols_stiffness.window import average, stands
 
 CALM_S = 0.5
 """Of the rig's time, before anything moves: the sensor's tare."""

@@ -15,13 +15,13 @@ from rclpy.serialization import deserialize_message
 
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.writer import BagWriter
-from cabols_control.modes import OperatingMode
 from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
 from cabols_control.ros.loop import Input, make_wait_set, subscribe_aside, wait_for
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.qos import control_qos, latched_qos
-from cabols_stiffness.window import Rolling
+from cabols_control.supervision.modes import OperatingMode
+from cabols_stiffness.measurements.window import Rolling
 
 GATHER_S = 0.01
 IDLE_NS = 50_000_000

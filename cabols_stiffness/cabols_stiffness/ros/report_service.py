@@ -12,7 +12,7 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from cabols_control.processes import executable_path
+from cabols_control.bringup.processes import executable_path
 
 PATIENCE_S = 1800.0
 END_S = 2.0

@@ -1,0 +1,1 @@
+"""Which nodes a graph has, and how they are started and ended."""

@@ -1,0 +1,55 @@
+"""What both launch files share; imported by them only, as `launch` is not everywhere installed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import yaml
+from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from cabols_control.bringup.graph import ARGUMENTS, ONE_BLAS_THREAD, NodeSpec, with_arguments
+
+
+def arguments(kind: str) -> list[Any]:
+    """Declare the launch arguments of one kind of graph, "bench" or "rig"."""
+    return [
+        DeclareLaunchArgument(a.name, default_value=str(a.default), description=a.description)
+        for a in ARGUMENTS
+        if kind in a.kinds
+    ]
+
+
+def argument_values(context: Any) -> dict[str, Any]:
+    """Return the arguments' values, typed as their defaults."""
+    found = {}
+    for argument in ARGUMENTS:
+        if argument.name in context.launch_configurations:
+            text = LaunchConfiguration(argument.name).perform(context)
+            is_text = isinstance(argument.default, str)
+            found[argument.name] = text if is_text else yaml.safe_load(text.lower())
+    return found
+
+
+def launch_nodes(graph: Sequence[NodeSpec], values: dict[str, Any]) -> list[Any]:
+    """Return launch actions for the nodes; when one ends, all end."""
+    actions: list[Any] = []
+    for spec in with_arguments(graph, values):
+        node = Node(
+            package=spec.package,
+            executable=spec.executable,
+            arguments=spec.option_list(),
+            parameters=[spec.parameters] if spec.parameters else [],
+            output="screen",
+            additional_env=ONE_BLAS_THREAD,
+        )
+        end = EmitEvent(event=Shutdown(reason=f"{spec.executable} ended"))
+        actions += [
+            node,
+            RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end])),
+        ]
+    return actions

@@ -1,0 +1,210 @@
+"""A small supervisor of processes for where `ros2 launch` is not installed.
+
+Starts the nodes in order, prefixes their output, ends all when one ends, in reverse order: SIGINT,
+after a grace SIGTERM, then SIGKILL. If it is killed itself, the kernel ends its children.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from cabols_control.bringup.graph import NodeSpec
+from cabols_control.errors import CabolsError
+
+PR_SET_PDEATHSIG = 1
+GRACE_S = 3.0
+_LIBC = ctypes.CDLL(None)
+
+
+class ProcessError(CabolsError):
+    """A node cannot be started."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run of processes ended.
+
+    Attributes:
+        first: name of the node that ended first; empty if the user interrupted.
+        code: its exit code, negative for a signal; 0 when interrupted.
+        codes: exit code of every node.
+    """
+
+    first: str
+    code: int
+    codes: dict[str, int]
+
+
+def executable_path(package: str, executable: str) -> Path:
+    """Find an executable where `ros2 run` looks: <prefix>/lib/<package>/<executable>.
+
+    Raises:
+        ProcessError: if it is in no prefix of AMENT_PREFIX_PATH nor in this interpreter's.
+    """
+    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
+    for prefix in [*prefixes, sys.prefix]:
+        candidate = Path(prefix) / "lib" / package / executable
+        if candidate.is_file():
+            return candidate
+    raise ProcessError(
+        f"{package} {executable}: expected it below lib/{package} of one of "
+        f"{[*prefixes, sys.prefix]}; build the workspace first"
+    )
+
+
+def command_line(spec: NodeSpec) -> list[str]:
+    """Return the command that starts a node."""
+    return [str(executable_path(spec.package, spec.executable)), *spec.arguments()]
+
+
+def run(
+    nodes: Sequence[NodeSpec],
+    environment: dict[str, str] | None = None,
+    on_line: Callable[[str, str], None] | None = None,
+    log_folder: Path | None = None,
+    on_start: Callable[[dict[str, int]], None] | None = None,
+    keep_going: bool = False,
+    respawn_s: float | None = None,
+) -> Ended:
+    """Run nodes until the first ends or the user interrupts, then end all.
+
+    Args:
+        nodes: in starting order; they are ended in reverse.
+        environment: variables to add.
+        on_line: called with (node, line) for every line of output; default prints them.
+        log_folder: keep each node's output there, as <node>.log.
+        on_start: called with the process ids once all have started; with respawn_s the same dict
+            is kept up to date.
+        keep_going: run on when a node ends, until the user interrupts.
+        respawn_s: start a node again so long after it has ended; implies keep_going [s].
+
+    Returns:
+        How it ended.
+    """
+    output = (on_line or _print_line, log_folder)
+    return asyncio.run(_run(nodes, environment or {}, *output, on_start, keep_going, respawn_s))
+
+
+def _print_line(name: str, line: str) -> None:
+    print(f"[{name}] {line}", flush=True)
+
+
+def _die_with_parent() -> None:
+    _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    # A Ctrl-C of the terminal reaches the supervisor only, which ends the nodes in order.
+    os.setpgrp()
+
+
+async def _run(
+    nodes: Sequence[NodeSpec],
+    environment: dict[str, str],
+    on_line: Callable[[str, str], None],
+    log_folder: Path | None,
+    on_start: Callable[[dict[str, int]], None] | None,
+    keep_going: bool,
+    respawn_s: float | None,
+) -> Ended:
+    if log_folder is not None:
+        log_folder.mkdir(parents=True, exist_ok=True)
+        for spec in nodes:
+            (log_folder / f"{spec.executable}.log").unlink(missing_ok=True)
+    commands = [(spec.executable, command_line(spec)) for spec in nodes]
+    interrupted = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, interrupted.set)
+    processes: dict[str, asyncio.subprocess.Process] = {}
+    pumps = []
+    keepers: list[asyncio.Task[None]] = []
+    pids: dict[str, int] = {}
+    first, code = "", 0
+
+    async def start(name: str, command: list[str]) -> None:
+        process = await asyncio.create_subprocess_exec(
+            *command,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            stdin=asyncio.subprocess.DEVNULL,
+            env={**os.environ, **environment},
+            preexec_fn=_die_with_parent,
+        )
+        processes[name], pids[name] = process, process.pid
+        pumps.append(asyncio.create_task(_pump(name, process, on_line, log_folder)))
+
+    async def keep(name: str, command: list[str]) -> None:
+        while True:
+            await processes[name].wait()
+            await asyncio.sleep(respawn_s or 0.0)
+            await start(name, command)
+
+    try:
+        for name, command in commands:
+            await start(name, command)
+        if respawn_s is not None:
+            keepers = [asyncio.create_task(keep(*item)) for item in commands]
+        if on_start is not None:
+            on_start(pids)
+        if keep_going or respawn_s is not None:
+            await interrupted.wait()
+        else:
+            first, code = await _first_end(processes, interrupted)
+    finally:
+        for keeper in keepers:
+            keeper.cancel()
+        for name in reversed(processes):
+            await _end(processes[name])
+        await asyncio.gather(*pumps)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.remove_signal_handler(number)
+    return Ended(first, code, {name: p.returncode or 0 for name, p in processes.items()})
+
+
+async def _first_end(
+    processes: dict[str, asyncio.subprocess.Process], interrupted: asyncio.Event
+) -> tuple[str, int]:
+    tasks = {asyncio.create_task(process.wait()): name for name, process in processes.items()}
+    stop = asyncio.create_task(interrupted.wait())
+    done, pending = await asyncio.wait([*tasks, stop], return_when=asyncio.FIRST_COMPLETED)
+    for task in pending:
+        task.cancel()
+    ended = [task for task in done if task is not stop]
+    if not ended:
+        return "", 0
+    return tasks[ended[0]], int(ended[0].result() or 0)
+
+
+async def _end(process: asyncio.subprocess.Process) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        if process.returncode is not None:
+            return
+        with suppress(ProcessLookupError):
+            process.send_signal(number)
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(process.wait(), GRACE_S)
+
+
+async def _pump(
+    name: str,
+    process: asyncio.subprocess.Process,
+    on_line: Callable[[str, str], None],
+    log_folder: Path | None,
+) -> None:
+    assert process.stdout is not None
+    log = (log_folder / f"{name}.log").open("w", encoding="utf-8") if log_folder else None
+    try:
+        while line := await process.stdout.readline():
+            text = line.decode(errors="replace").rstrip()
+            if log is not None:
+                log.write(text + "\n")
+            on_line(name, text)
+    finally:
+        if log is not None:
+            log.close()

@@ -1,0 +1,233 @@
+"""What all pages of one console share: the rig's news, who is in command, the way to the rig."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from cabols_control.console.access import Lease
+from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, Mailbox
+from cabols_control.supervision.modes import OperatingMode
+
+ALIVE_S = 2.0
+"""A page that has not answered for so long is lost; it answers twice a second."""
+FORGET_S = 120.0
+FREE_FOR_ALL = ("emergency_stop",)
+"""What a page may do that is not in command."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How a service or an action's start was answered.
+
+    Attributes:
+        success: whether it was granted.
+        message: what was done, or why not.
+        response: the service's response, where there is more to it.
+    """
+
+    success: bool
+    message: str
+    response: Any = None
+
+
+class Rig(Protocol):
+    """The way to the rig's services and actions: what any ROS client could do."""
+
+    async def call(self, service: str, fields: dict[str, Any]) -> Answer:
+        """Call a service."""
+
+    async def start(self, action: str, fields: dict[str, Any]) -> Answer:
+        """Send an action's goal."""
+
+    async def cancel(self, action: str) -> Answer:
+        """Cancel an action that was started here."""
+
+
+@dataclass
+class Viewer:
+    """One open page.
+
+    Attributes:
+        page: its id.
+        session: its browser's id.
+        name: shown to others.
+        answered_s: when it answered last, monotonic clock; it has until ALIVE_S after opening.
+        closed: whether its wire has ended.
+        tab: told by the page when it opens its wire; the same when it is loaded again.
+        sent: number of the newest frame that was sent.
+        acked: number of the newest frame that it has told of.
+    """
+
+    page: str
+    session: str
+    name: str
+    answered_s: float
+    closed: bool = False
+    tab: str = ""
+
+    @property
+    def seat(self) -> str:
+        """Browser and tab: who sits there."""
+        return f"{self.session} {self.tab}"
+
+    sent: int = 0
+    acked: int = 0
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Of one console.
+
+    Attributes:
+        title: shown in the header.
+        uploads: folder of uploaded programmes.
+        campaigns: folder of stiffness campaigns and their reports.
+        configurations: of the robot, how many.
+        scene: what the 3-D view draws, for the page's script.
+        cables: number of limbs.
+    """
+
+    title: str
+    uploads: Path
+    campaigns: Path
+    configurations: int
+    scene: dict[str, Any]
+    cables: int
+
+
+class Desk:
+    """Commands of all pages go through here; each is judged, carried out and logged."""
+
+    def __init__(self, rig: Rig, mailbox: Mailbox, settings: Settings) -> None:
+        """Open the desk; nobody is in command."""
+        self.rig = rig
+        self.mailbox = mailbox
+        self.settings = settings
+        self.viewers: dict[str, Viewer] = {}
+        self.lease = Lease(self.alive)
+        self._clock: Callable[[], float] = time.monotonic
+        self._opened = 0
+
+    def alive(self, page: str) -> bool:
+        """Whether a page answers."""
+        viewer = self.viewers.get(page)
+        if viewer is None or viewer.closed:
+            return False
+        return self._clock() - viewer.answered_s <= ALIVE_S
+
+    def heard(self, viewer: Viewer) -> None:
+        """Take a page's sign of life; one that was loaded again goes on in command."""
+        viewer.answered_s, viewer.closed = self._clock(), False
+        if viewer.tab:
+            self.adopt(viewer)
+
+    def lost(self, viewer: Viewer) -> None:
+        """A page's wire has ended."""
+        viewer.closed = True
+        self.publish_operator()
+
+    def open(self, page: str, session: str, address: str) -> Viewer:
+        """Register a page; those that have long been gone are forgotten."""
+        now = self._clock()
+        for key in [k for k, v in self.viewers.items() if now - v.answered_s > FORGET_S]:
+            del self.viewers[key]
+        self._opened += 1
+        viewer = Viewer(page, session, f"page {self._opened} ({address})", now)
+        self.viewers[page] = viewer
+        return viewer
+
+    def take(self, page: str) -> Answer:
+        """Give a page command, if it may have it."""
+        viewer = self.viewers.get(page)
+        if viewer is None:
+            return Answer(False, "this page is not known any more: load it again")
+        refusal = self.lease.take(page, viewer.seat, viewer.name)
+        if refusal:
+            return Answer(False, refusal)
+        self._tell_operator(f"{viewer.name} has taken command")
+        return Answer(True, "you are in command")
+
+    def adopt(self, viewer: Viewer) -> None:
+        """Give command to a page that replaces its browser's lost one."""
+        if self.lease.adopt(viewer.page, viewer.seat, viewer.name):
+            self._tell_operator(f"{viewer.name} goes on in command")
+
+    def release(self, page: str) -> Answer:
+        """Take command from a page that gives it up."""
+        holder = self.lease.holder
+        if holder is None or not self.lease.release(page):
+            return Answer(False, "this page is not in command")
+        self._tell_operator(f"{holder.name} has released command")
+        return Answer(True, "released")
+
+    def publish_operator(self) -> None:
+        """Tell all pages who is in command."""
+        holder = self.lease.holder
+        attended = self.lease.attended
+        self.mailbox.put_state(
+            operator={
+                "name": "" if holder is None else holder.name,
+                "mark": "" if holder is None else mark_of(holder.page),
+                "attended": attended,
+                "pages": sum(self.alive(page) for page in self.viewers),
+            }
+        )
+
+    async def call(self, page: str, service: str, **fields: Any) -> Answer:
+        """Call a service for a page."""
+        refusal = self._refusal(page, service)
+        answer = Answer(False, refusal) if refusal else await self.rig.call(service, fields)
+        return self._log(service, fields, answer)
+
+    async def start(self, page: str, action: str, **fields: Any) -> Answer:
+        """Start an action for a page."""
+        refusal = self._refusal(page, action)
+        answer = Answer(False, refusal) if refusal else await self.rig.start(action, fields)
+        return self._log(action, fields, answer)
+
+    async def cancel(self, page: str, action: str) -> Answer:
+        """Cancel an action for a page."""
+        refusal = self._refusal(page, action)
+        answer = Answer(False, refusal) if refusal else await self.rig.cancel(action)
+        return self._log(f"cancel {action}", {}, answer)
+
+    async def look(self, service: str, **fields: Any) -> Answer:
+        """Call a service that moves nothing, such as a check; anybody may."""
+        return await self.rig.call(service, fields)
+
+    def _refusal(self, page: str, what: str) -> str:
+        return "" if what in FREE_FOR_ALL else self.lease.refusal(page)
+
+    def _log(self, what: str, fields: dict[str, Any], answer: Answer) -> Answer:
+        sentence = _SENTENCES.get(what)
+        asked = what.replace("_", " ") if sentence is None else sentence(fields)
+        level = NOTICE if answer.success else WARNING
+        if what == "emergency_stop":
+            level = FAULT
+        self.mailbox.tell(level, "console", f"{asked}: {answer.message}")
+        return answer
+
+    def _tell_operator(self, text: str) -> None:
+        self.mailbox.tell(INFO, "console", text)
+        self.publish_operator()
+
+
+_SENTENCES: dict[str, Callable[[dict[str, Any]], str]] = {
+    "set_mode": lambda f: f"asks for {OperatingMode(f['mode']).name}",
+    "record": lambda f: "start recording" if f["data"] else "stop recording",
+    "run_program": lambda f: f"run {Path(f['program']).name}, scale {f['scale']:g}",
+    "move_to_configuration": lambda f: f"move to configuration {f['index']}",
+    "measure_reflector": lambda f: f"measure reflector {f['reflector'] + 1}",
+    "commission_limb": lambda f: f"commission limb {f['limb'] + 1}",
+    "run_stiffness_test": lambda f: f"stiffness campaign into {Path(f['folder']).name}",
+}
+
+
+def mark_of(page: str) -> str:
+    """A page's mark, by which it knows itself; its id stays its own secret."""
+    return hashlib.sha256(page.encode()).hexdigest()[:16]

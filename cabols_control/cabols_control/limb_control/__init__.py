@@ -1,0 +1,1 @@
+"""From a desired tension to a motor current, limb by limb."""

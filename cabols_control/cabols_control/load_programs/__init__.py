@@ -1,0 +1,1 @@
+"""Wrenches over time, and whether the rig can give them."""

@@ -1,0 +1,111 @@
+"""Whether the cables can give every wrench of a load programme at one pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_control.kinematics import structure_matrix
+from cabols_control.load_programs.programs import LoadProgram
+from cabols_control.rig import Rig
+from cabols_control.tension import DEFAULT_WEIGHTS, FEASIBLE, TensionResolver
+
+PREVIEW_POINTS = 240
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramCheck:
+    """A programme held against the cables and the sensor at one pose.
+
+    Attributes:
+        program: what was checked.
+        tension: (k, n) least-norm tensions at the programme's points; of the nearest feasible
+            wrench where the asked one is not [N].
+        reached: (k,) bool, the cables give the wrench within their limits.
+        rated: (k,) bool, it is within the sensor's range.
+        missed: (k,) distance to the nearest feasible wrench, torque counted as force at the
+            platform's radius [N].
+    """
+
+    program: LoadProgram
+    tension: FloatArray
+    reached: BoolArray
+    rated: BoolArray
+    missed: FloatArray
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the whole programme can be applied here."""
+        return bool(self.reached.all() and self.rated.all())
+
+    @property
+    def worst(self) -> int | None:
+        """Point furthest from what can be given; None if all can."""
+        if self.feasible:
+            return None
+        if not self.reached.all():
+            return int(np.argmax(self.missed))
+        return int(np.argmin(self.rated))
+
+    def sentence(self) -> str:
+        """Say what was found, for an operator."""
+        name, duration = self.program.name, self.program.duration
+        if self.worst is None:
+            return (
+                f"{name}: {duration:g} s, feasible at this pose, tensions "
+                f"{self.tension.min():.0f} to {self.tension.max():.0f} N"
+            )
+        time_s = self.program.time[self.worst]
+        if not self.reached.all():
+            return (
+                f"{name}: not feasible at this pose; {int((~self.reached).sum())} of "
+                f"{self.reached.size} points, at {time_s:g} s the cables miss the wrench by "
+                f"{self.missed[self.worst]:.0f} N"
+            )
+        asked = np.array2string(self.program.wrench[self.worst], precision=1)
+        return f"{name}: beyond the sensor's range at {time_s:g} s: {asked} N, N m"
+
+    def preview(self) -> IntArray:
+        """Indices of at most about PREVIEW_POINTS points, the worst among them."""
+        step = max(1, -(-self.program.time.size // PREVIEW_POINTS))
+        chosen = {*range(0, self.program.time.size, step), self.program.time.size - 1}
+        if self.worst is not None:
+            chosen.add(self.worst)
+        return np.array(sorted(chosen), dtype=np.int64)
+
+
+def check_program(
+    rig: Rig, program: LoadProgram, position: FloatArray, rotation: FloatArray
+) -> ProgramCheck:
+    """Hold a programme against the tension limits and the sensor's range at one pose.
+
+    The wrenches that tensions within limits give form a convex set: between two points that are
+    feasible, the straight line is, too, so the points decide about the whole programme.
+
+    Args:
+        rig: geometry, tension limits, rated wrench.
+        program: to check.
+        position: (3,) platform's origin in the base frame [m].
+        rotation: (3, 3) from platform to base axes.
+
+    Returns:
+        The check, point by point.
+
+    Raises:
+        ShapeError: if the pose has another shape or is not finite.
+    """
+    matrix = structure_matrix(rig.geometry, position, rotation)
+    resolver = TensionResolver(matrix, rig.control.tension_min, rig.control.tension_max)
+    tension, status = resolver.solve_batch(program.wrench)
+    residual = tension @ matrix.T - program.wrench
+    # The sensor turns with the platform: its ranges are along the platform's axes.
+    local = np.hstack([program.wrench[:, :3] @ rotation, program.wrench[:, 3:] @ rotation])
+    return ProgramCheck(
+        program=program,
+        tension=tension,
+        reached=status == FEASIBLE,
+        rated=np.array((np.abs(local) <= rig.control.rated).all(axis=1)),
+        missed=np.linalg.norm(residual * np.asarray(DEFAULT_WEIGHTS), axis=1),
+    )

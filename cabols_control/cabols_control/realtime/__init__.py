@@ -1,0 +1,1 @@
+"""Scheduling of real-time threads, and which kernels are compiled."""

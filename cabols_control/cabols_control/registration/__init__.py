@@ -1,0 +1,1 @@
+"""Rigid poses from measured points, with their covariance."""

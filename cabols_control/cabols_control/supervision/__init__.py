@@ -1,0 +1,1 @@
+"""Modes of the rig, and what the supervisor watches."""

@@ -1,0 +1,1 @@
+"""Compiled kernels of the redundancy resolution, on one flat work array."""

@@ -1,0 +1,236 @@
+"""Straight code for the common case: eight cables, a feasible wrench, a pose far from singular.
+
+The same exact solution as plane.py's, without its bookkeeping. Whatever is not plain (a wrench
+that may be infeasible, a pose whose rows are nearly dependent) is not judged here: the functions
+then say NOT_PLAIN and the caller takes the general way.
+
+Slabs are taken in their order instead of the most violated first: up to 28 clips (n(n - 1)/2),
+but each is a few multiplications and one division.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from cabols_control.tension.solution import FloatArray
+
+from .plane import PARALLEL, VIOLATION
+from .static_size import compiled
+from .work_array import (
+    ITERATIONS,
+    SCALE,
+    at_basis,
+    at_inverse,
+    at_limits,
+    at_scratch,
+    at_structure,
+    at_weights,
+)
+
+PLAIN, NOT_PLAIN = True, False
+INDEPENDENT = 1e-3
+"""A row of A that keeps less than this share of its square beyond the rows before is not plain:
+the Gram matrix squares the condition, and tensions must be exact to 1e-9 N."""
+WELL_PLACED = 0.01
+"""The last two unit vectors must keep so much of their square in the null space."""
+
+# Sums may be reordered for vector code; NaN and infinity keep their meaning.
+vectorised = njit(
+    cache=True, error_model="numpy", boundscheck=False, fastmath={"reassoc", "contract", "nsz"}
+)
+
+_N = 8
+_INVERSE, _STRUCTURE = at_inverse(_N), at_structure(_N)
+_LIMITS, _WEIGHTS = at_limits(_N), at_weights(_N)
+_NULL = at_basis(_N) + 6 * _N
+# Scratch of solve_pose_eight: factor (6, 6), inverse pivots, right-hand side, basis (2, 8).
+_FACTOR = at_scratch(_N)
+_PIVOT, _SIDE, _BASIS = _FACTOR + 36, _FACTOR + 42, _FACTOR + 48
+
+
+@compiled
+def _plane_eight(pack: FloatArray, null: int, tension: FloatArray) -> bool:
+    """Least-norm tensions within the limits; `tension` is t0, then the answer.
+
+    Args:
+        pack: work array of the pose.
+        null: where the null space's orthonormal rows (2, 8) begin in it.
+        tension: (8,) [N].
+    """
+    threshold = VIOLATION * pack[SCALE]
+    zx, zy, clips = 0.0, 0.0, 0
+    for i in range(_N):
+        ax, ay = pack[null + i], pack[null + _N + i]
+        value = tension[i] + (ax * zx + ay * zy)
+        if value < pack[_LIMITS + i] - threshold:
+            bound = pack[_LIMITS + i]
+        elif value > pack[_LIMITS + _N + i] + threshold:
+            bound = pack[_LIMITS + _N + i]
+        else:
+            continue
+        square = ax * ax + ay * ay
+        if not square > PARALLEL:
+            return NOT_PLAIN
+        reach = (bound - tension[i]) / square
+        fx, fy = reach * ax, reach * ay
+        lower, upper = -math.inf, math.inf
+        for j in range(i):
+            bx, by = pack[null + j], pack[null + _N + j]
+            slope = by * ax - bx * ay
+            at_foot = tension[j] + (bx * fx + by * fy)
+            low, high = pack[_LIMITS + j] - at_foot, pack[_LIMITS + _N + j] - at_foot
+            if not abs(slope) > PARALLEL:
+                if not (low <= threshold and high >= -threshold):
+                    return NOT_PLAIN
+                continue
+            scale = 1.0 / slope
+            start, end = low * scale, high * scale
+            lower = max(lower, min(start, end))
+            upper = min(upper, max(start, end))
+        if not lower <= upper:
+            return NOT_PLAIN
+        clips += i
+        s = min(max(0.0, lower), upper)
+        zx, zy = fx - s * ay, fy + s * ax
+    pack[ITERATIONS] = clips
+    for i in range(_N):
+        value = tension[i] + (pack[null + i] * zx + pack[null + _N + i] * zy)
+        tension[i] = min(max(value, pack[_LIMITS + i]), pack[_LIMITS + _N + i])
+    return PLAIN
+
+
+@compiled
+def solve_fixed_eight(pack: FloatArray, wrench: FloatArray, tension: FloatArray) -> bool:
+    """Tensions at the pose in `pack` (filled by pack_pose, READY), for a finite wrench (6,)."""
+    w0, w1 = wrench[0] * pack[_WEIGHTS], wrench[1] * pack[_WEIGHTS + 1]
+    w2, w3 = wrench[2] * pack[_WEIGHTS + 2], wrench[3] * pack[_WEIGHTS + 3]
+    w4, w5 = wrench[4] * pack[_WEIGHTS + 4], wrench[5] * pack[_WEIGHTS + 5]
+    for i in range(_N):
+        k = _INVERSE + i
+        tension[i] = (
+            (pack[k] * w0 + pack[k + 8] * w1) + (pack[k + 16] * w2 + pack[k + 24] * w3)
+        ) + (pack[k + 32] * w4 + pack[k + 40] * w5)
+    return bool(_plane_eight(pack, _NULL, tension))
+
+
+@vectorised
+def _factor(pack: FloatArray) -> bool:
+    """L D L^T of A A^T from the structure matrix in `pack`; False if rows are nearly dependent."""
+    for i in range(6):
+        for j in range(i + 1):
+            total = 0.0
+            for c in range(_N):
+                total += pack[_STRUCTURE + 8 * i + c] * pack[_STRUCTURE + 8 * j + c]
+            pack[_FACTOR + 6 * i + j] = total
+    for j in range(6):
+        square = pack[_FACTOR + 7 * j]
+        pivot = square
+        for k in range(j):
+            pivot -= pack[_FACTOR + 6 * j + k] * pack[_FACTOR + 6 * k + j]
+        # Written so that NaN is not plain.
+        if not pivot > INDEPENDENT * square:
+            return NOT_PLAIN
+        inverse = 1.0 / pivot
+        pack[_PIVOT + j] = inverse
+        for i in range(j + 1, 6):
+            value = pack[_FACTOR + 6 * i + j]
+            for k in range(j):
+                value -= pack[_FACTOR + 6 * i + k] * pack[_FACTOR + 6 * k + j]
+            # Above the diagonal D L^T, which the next columns need, below it L.
+            pack[_FACTOR + 6 * j + i] = value
+            pack[_FACTOR + 6 * i + j] = value * inverse
+    return PLAIN
+
+
+@vectorised
+def _project(pack: FloatArray, out: FloatArray, start: int) -> None:
+    """Write A^T inv(A A^T) y, y the right-hand side, to eight places of `out` from `start`."""
+    for i in range(1, 6):
+        value = pack[_SIDE + i]
+        for k in range(i):
+            value -= pack[_FACTOR + 6 * i + k] * pack[_SIDE + k]
+        pack[_SIDE + i] = value
+    for i in range(6):
+        pack[_SIDE + i] *= pack[_PIVOT + i]
+    for i in range(4, -1, -1):
+        value = pack[_SIDE + i]
+        for k in range(i + 1, 6):
+            value -= pack[_FACTOR + 6 * k + i] * pack[_SIDE + k]
+        pack[_SIDE + i] = value
+    y0, y1, y2 = pack[_SIDE], pack[_SIDE + 1], pack[_SIDE + 2]
+    y3, y4, y5 = pack[_SIDE + 3], pack[_SIDE + 4], pack[_SIDE + 5]
+    for c in range(_N):
+        k = _STRUCTURE + c
+        out[start + c] = (
+            pack[k] * y0
+            + pack[k + 8] * y1
+            + pack[k + 16] * y2
+            + pack[k + 24] * y3
+            + pack[k + 32] * y4
+            + pack[k + 40] * y5
+        )
+
+
+@vectorised
+def _null_rows(pack: FloatArray) -> bool:
+    """Orthonormal rows (2, 8) of the null space, from the last two unit vectors."""
+    x, y = _BASIS, _BASIS + _N
+    for r in range(2):
+        for i in range(6):
+            pack[_SIDE + i] = pack[_STRUCTURE + 8 * i + 6 + r]
+        _project(pack, pack, _BASIS + _N * r)
+        for c in range(_N):
+            pack[_BASIS + _N * r + c] *= -1.0
+        pack[_BASIS + _N * r + 6 + r] += 1.0
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for c in range(_N):
+        xx += pack[x + c] * pack[x + c]
+        xy += pack[x + c] * pack[y + c]
+    if not xx > WELL_PLACED:
+        return NOT_PLAIN
+    share = xy / xx
+    for c in range(_N):
+        pack[y + c] -= share * pack[x + c]
+        yy += pack[y + c] * pack[y + c]
+    if not yy > WELL_PLACED:
+        return NOT_PLAIN
+    sx, sy = 1.0 / math.sqrt(xx), 1.0 / math.sqrt(yy)
+    for c in range(_N):
+        pack[x + c] *= sx
+        pack[y + c] *= sy
+    return PLAIN
+
+
+@compiled
+def solve_pose_eight(
+    pack: FloatArray,
+    tension_min: FloatArray,
+    tension_max: FloatArray,
+    wrench: FloatArray,
+    tension: FloatArray,
+) -> bool:
+    """Tensions for one wrench (6,) at a new pose, whose structure matrix stands in `pack`.
+
+    Nothing that outlives the call is prepared: for more wrenches at the pose use pack_pose.
+    About 700 multiplications.
+    """
+    if not _factor(pack):
+        return NOT_PLAIN
+    if not _null_rows(pack):
+        return NOT_PLAIN
+    largest = 0.0
+    for i in range(_N):
+        pack[_LIMITS + i], pack[_LIMITS + _N + i] = tension_min[i], tension_max[i]
+        largest = max(largest, abs(tension_min[i]), abs(tension_max[i]))
+    pack[SCALE] = largest
+    total = 0.0
+    for i in range(6):
+        pack[_SIDE + i] = wrench[i]
+        total += abs(wrench[i])
+    if not (np.isfinite(total) and np.isfinite(largest)):
+        return NOT_PLAIN
+    _project(pack, tension, 0)
+    return bool(_plane_eight(pack, _BASIS, tension))

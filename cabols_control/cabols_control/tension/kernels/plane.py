@@ -1,0 +1,233 @@
+"""Exact minimum-norm tensions for at most two degrees of redundancy.
+
+The tensions that give a wrench are t0 + N z, t0 = pinv(A) w orthogonal to N: minimising their
+norm is minimising |z| in the intersection of n slabs, tension_min <= t0 + N z <= tension_max
+(Taghirad and Bedoustani 2011; thesis (3.5)-(3.7), with upper limits added). In the plane, the
+slabs are taken in turn: if the best point so far violates one, the new best point lies on that
+limit's line (the objective is convex), where an interval is clipped by the slabs taken before.
+An empty interval proves infeasibility. Every slab is taken at most once: at most n(n - 1)/2
+clips, 28 for n = 8, no cycling. The slab taken next is the one that is violated most, so that
+two or three of the eight are usually enough.
+
+These functions work on one pose's work array; see layout.py.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cabols_control.tension.solution import FloatArray, Six
+
+from .static_size import Size, cables, compiled
+from .work_array import (
+    CONFLICT,
+    CONFLICT_SIDE,
+    ITERATIONS,
+    SCALE,
+    TOLERANCE,
+    at_basis,
+    at_inverse,
+    at_limits,
+    at_scratch,
+)
+
+PARALLEL = 1e-13
+"""A slab whose tension changes by less than this per unit along a line is constant on it."""
+VIOLATION = 1e-15
+"""Times the largest limit: what counts as violated while the best point is still moving."""
+
+
+@compiled
+def pseudo_inverse_tension(pack: FloatArray, size: Size, wrench: Six, out: FloatArray) -> None:
+    """Write the least-norm tensions t0 for `wrench` (scaled by the weights), limits ignored."""
+    n = cables(size)
+    inverse = at_inverse(n)
+    w0, w1, w2, w3, w4, w5 = wrench
+    for i in range(n):
+        out[i] = (
+            (pack[inverse + i] * w0 + pack[inverse + n + i] * w1)
+            + (pack[inverse + 2 * n + i] * w2 + pack[inverse + 3 * n + i] * w3)
+        ) + (pack[inverse + 4 * n + i] * w4 + pack[inverse + 5 * n + i] * w5)
+
+
+@compiled
+def set_conflict(
+    pack: FloatArray,
+    first: int,
+    first_side: float,
+    second: int,
+    second_side: float,
+    third: int,
+    third_side: float,
+) -> None:
+    """Note which limits contradict each other."""
+    pack[CONFLICT] = first
+    pack[CONFLICT_SIDE] = first_side
+    pack[CONFLICT + 1] = second
+    pack[CONFLICT_SIDE + 1] = second_side
+    pack[CONFLICT + 2] = third
+    pack[CONFLICT_SIDE + 2] = third_side
+
+
+@compiled
+def meeting_point(
+    lower: float, lower_slope: float, upper: float, upper_slope: float, tolerance: float
+) -> tuple[float, bool]:
+    """Where an empty interval's ends are missed least; the second value says if tolerably.
+
+    The limit at `lower` has a tension changing by `lower_slope` > 0 per unit, and so on: moving
+    to s misses them by (lower - s) * lower_slope and (s - upper) * upper_slope; s makes the two
+    equal.
+    """
+    total = lower_slope + upper_slope
+    miss = (lower - upper) * (lower_slope * upper_slope / total)
+    return (lower * lower_slope + upper * upper_slope) / total, miss <= tolerance
+
+
+@compiled
+def nearest_to_zero(lower: float, upper: float) -> float:
+    """Point of the interval that is nearest to zero."""
+    return min(max(0.0, lower), upper)
+
+
+@compiled
+def solve_point(pack: FloatArray, size: Size, tension: FloatArray) -> bool:
+    """No redundancy: `tension` holds the only solution; True if it keeps the limits."""
+    n = cables(size)
+    limits, tolerance = at_limits(n), pack[TOLERANCE]
+    pack[ITERATIONS] = n
+    for i in range(n):
+        low, high = pack[limits + i] - tolerance, pack[limits + n + i] + tolerance
+        if not low <= tension[i] <= high:
+            return False
+    return True
+
+
+@compiled
+def solve_line(pack: FloatArray, size: Size, tension: FloatArray) -> bool:
+    """One degree of redundancy: n clips of one interval; `tension` is t0, then the answer."""
+    n = cables(size)
+    limits, basis, tolerance = at_limits(n), at_basis(n) + 6 * n, pack[TOLERANCE]
+    lower, lower_slope, upper, upper_slope = -math.inf, 1.0, math.inf, 1.0
+    pack[ITERATIONS] = n
+    for i in range(n):
+        slope, low, high = pack[basis + i], pack[limits + i], pack[limits + n + i]
+        if abs(slope) < PARALLEL:
+            if tension[i] < low - tolerance or tension[i] > high + tolerance:
+                return False
+            continue
+        start, end = (low - tension[i]) / slope, (high - tension[i]) / slope
+        if slope < 0.0:
+            start, end, slope = end, start, -slope
+        if start > lower:
+            lower, lower_slope = start, slope
+        if end < upper:
+            upper, upper_slope = end, slope
+    if lower > upper:
+        z, fits = meeting_point(lower, lower_slope, upper, upper_slope, tolerance)
+        if not fits:
+            return False
+    else:
+        z = nearest_to_zero(lower, upper)
+    for i in range(n):
+        tension[i] += pack[basis + i] * z
+    return True
+
+
+@compiled
+def _clip_line(
+    pack: FloatArray,
+    size: Size,
+    tension: FloatArray,
+    order: int,
+    taken: int,
+    active: int,
+    side: float,
+) -> tuple[float, float, bool]:
+    """Best point on the line of limit `side` of cable `active`, inside the slabs taken before.
+
+    Returns z and whether the slabs leave something of the line; if not, notes the conflict and
+    returns the point of the line that misses the two contradicting limits equally.
+    """
+    n = cables(size)
+    limits, nx, ny = at_limits(n), at_basis(n) + 6 * n, at_basis(n) + 7 * n
+    tolerance = pack[TOLERANCE]
+    ax, ay = pack[nx + active], pack[ny + active]
+    bound = pack[limits + active] if side < 0.0 else pack[limits + n + active]
+    square = ax * ax + ay * ay
+    reach = (bound - tension[active]) / square
+    # Foot of the perpendicular from the origin, and the line's direction, as long as (ax, ay).
+    fx, fy, dx, dy = reach * ax, reach * ay, -ay, ax
+    parallel = PARALLEL * PARALLEL * square
+    lower, lower_slope, lower_at, lower_side = -math.inf, 1.0, -1, -1.0
+    upper, upper_slope, upper_at, upper_side = math.inf, 1.0, -1, 1.0
+    for k in range(taken):
+        j = int(pack[order + k])
+        slope = pack[nx + j] * dx + pack[ny + j] * dy
+        value = tension[j] + pack[nx + j] * fx + pack[ny + j] * fy
+        low, high = pack[limits + j] - value, pack[limits + n + j] - value
+        if slope * slope < parallel:
+            if low > tolerance or high < -tolerance:
+                which = -1.0 if low > tolerance else 1.0
+                set_conflict(pack, active, side, j, which, -1, 0.0)
+                return fx, fy, False
+            continue
+        scale = 1.0 / slope
+        start, end, start_side = low * scale, high * scale, -1.0
+        if slope < 0.0:
+            start, end, start_side, slope = end, start, 1.0, -slope
+        if start > lower:
+            lower, lower_slope, lower_at, lower_side = start, slope, j, start_side
+        if end < upper:
+            upper, upper_slope, upper_at, upper_side = end, slope, j, -start_side
+    s, fits = nearest_to_zero(lower, upper), True
+    if lower > upper:
+        s, fits = meeting_point(lower, lower_slope, upper, upper_slope, tolerance)
+        if not fits:
+            set_conflict(pack, active, side, lower_at, lower_side, upper_at, upper_side)
+    return fx + s * dx, fy + s * dy, fits
+
+
+@compiled
+def solve_plane(pack: FloatArray, size: Size, tension: FloatArray) -> bool:
+    """Two degrees of redundancy; `tension` is t0, then the answer.
+
+    Returns True if feasible. If not, the header holds the two or three limits that contradict
+    each other, `tension` is left at t0. At most n(n - 1)/2 clips.
+    """
+    n = cables(size)
+    limits, nx, ny = at_limits(n), at_basis(n) + 6 * n, at_basis(n) + 7 * n
+    order = at_scratch(n)
+    pending = order + n
+    threshold, tolerance = VIOLATION * pack[SCALE], pack[TOLERANCE]
+    for i in range(n):
+        pack[pending + i] = 1.0
+    zx, zy, clips, taken = 0.0, 0.0, 0, 0
+    for _ in range(n):
+        worst, active, side = threshold, -1, 0.0
+        for i in range(n):
+            value = tension[i] + (pack[nx + i] * zx + pack[ny + i] * zy)
+            miss_low, miss_high = pack[limits + i] - value, value - pack[limits + n + i]
+            miss = max(miss_low, miss_high) * pack[pending + i]
+            if miss > worst:
+                worst, active, side = miss, i, (-1.0 if miss_low > miss_high else 1.0)
+        if active < 0:
+            break
+        if max(abs(pack[nx + active]), abs(pack[ny + active])) < PARALLEL:
+            if worst > tolerance:
+                set_conflict(pack, active, side, -1, 0.0, -1, 0.0)
+                return False
+            pack[pending + active] = 0.0
+            continue
+        zx, zy, fits = _clip_line(pack, size, tension, order, taken, active, side)
+        clips += taken
+        pack[ITERATIONS] = clips
+        if not fits:
+            return False
+        pack[order + taken] = active
+        pack[pending + active] = 0.0
+        taken += 1
+    pack[ITERATIONS] = clips
+    for i in range(n):
+        tension[i] += pack[nx + i] * zx + pack[ny + i] * zy
+    return True

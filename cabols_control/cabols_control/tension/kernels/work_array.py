@@ -1,0 +1,111 @@
+"""Where things lie in the work array that one pose's solver lives in.
+
+One flat float64 array holds everything that depends on the pose and on the limits, then scratch:
+a call from Python costs 50 to 100 ns for every array that is handed over, so there is one.
+All matrices are row major with cables along the row, so that compiled loops run over cables.
+"""
+
+from __future__ import annotations
+
+from .static_size import compiled
+
+HEADER = 16
+# Slots of the header.
+CABLES = 0
+RANK = 1
+STATE = 2
+TOLERANCE = 3
+SCALE = 4
+GRAM_MAX = 5
+ITERATIONS = 6
+# What the plane solver leaves behind when it proves infeasibility: up to three cables whose
+# limits contradict each other (-1: none) and the limit of each (-1 lower, +1 upper).
+CONFLICT = 7
+CONFLICT_SIDE = 10
+# Which feasible tensions are wanted (methods.py): method, p of the p-norm, share of the method.
+METHOD = 13
+EXPONENT = 14
+SHARE = 15
+
+# Values of STATE.
+READY = 0.0
+DEFICIENT = 1.0
+BROKEN = 2.0
+
+
+@compiled
+def at_structure(_n: int) -> int:
+    """(6, n) structure matrix A."""
+    return HEADER
+
+
+@compiled
+def at_limits(n: int) -> int:
+    """(2, n) tension_min, tension_max."""
+    return HEADER + 6 * n
+
+
+@compiled
+def at_weights(n: int) -> int:
+    """(6,) weights of the wrench components."""
+    return HEADER + 8 * n
+
+
+@compiled
+def at_scaled(n: int) -> int:
+    """(6, n) diag(weights) A."""
+    return HEADER + 8 * n + 6
+
+
+@compiled
+def at_inverse(n: int) -> int:
+    """(6, n) transposed pseudo-inverse of diag(weights) A."""
+    return HEADER + 14 * n + 6
+
+
+@compiled
+def at_basis(n: int) -> int:
+    """(n, n) orthonormal rows: first the row space of A, then its null space."""
+    return HEADER + 20 * n + 6
+
+
+@compiled
+def at_gram(n: int) -> int:
+    """(n, n) Gram matrix of the columns of diag(weights) A."""
+    return HEADER + 20 * n + n * n + 6
+
+
+@compiled
+def at_scratch(n: int) -> int:
+    """Scratch: see the functions that use it."""
+    return HEADER + 20 * n + 2 * n * n + 6
+
+
+@compiled
+def at_vector(n: int, k: int) -> int:
+    """(n,) scratch vector k, 0 to 17; each file says which ones it uses."""
+    return at_scratch(n) + k * n
+
+
+@compiled
+def at_factor(n: int) -> int:
+    """(n, n) scratch for a factor."""
+    return at_scratch(n) + 18 * n
+
+
+@compiled
+def at_triangle(n: int) -> int:
+    """(n, n) scratch for a triangle beside the factor."""
+    return at_scratch(n) + 18 * n + n * n
+
+
+@compiled
+def at_face(n: int) -> int:
+    """(n, n) basis of a face, then its (6, n) rows and their (6, 6) factor."""
+    return at_scratch(n) + 18 * n + 2 * n * n
+
+
+@compiled
+def pack_size(n: int) -> int:
+    """Length of the work array for n cables."""
+    return at_face(n) + n * n + 6 * n + 36

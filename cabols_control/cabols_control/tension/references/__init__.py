@@ -1,0 +1,1 @@
+"""Slow second opinions: enumeration of active sets, and DAQP."""

@@ -1,0 +1,1 @@
+"""The command `workspace`: maps, designs, files and figures."""

@@ -1,0 +1,1 @@
+"""From a desired and a measured wrench to the limbs' tensions."""

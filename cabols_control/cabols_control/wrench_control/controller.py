@@ -1,0 +1,210 @@
+"""What the wrench controller does with each wrench sample: references, law, limits, staleness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from cabols_control.cable_kernels import structure_matrix_into
+from cabols_control.checks import FloatArray
+from cabols_control.rig import Rig
+from cabols_control.supervision.clock import clock_fault
+from cabols_control.supervision.modes import OperatingMode
+from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size, set_method
+from cabols_control.tension.kernels.work_array import SHARE
+from cabols_control.wrench_control.law import WrenchLaw
+from cabols_control.wrench_control.tension_setpoint import DesiredTension, TensionReference
+
+LONGEST_STEP_S = 0.010
+MAX_BAD_SAMPLES = 5
+"""So many wrench samples in a row may be unusable before the load is given up."""
+
+
+@dataclass(frozen=True, eq=False)
+class DesiredWrench:
+    """Newest desired wrench: (6,) [N, N m] on the platform at its origin, base axes, and stamp."""
+
+    stamp_s: float
+    wrench: FloatArray
+
+
+@njit(cache=True)
+def _turn_into(rotation: FloatArray, wrench: FloatArray, turned: FloatArray) -> None:
+    """Rotate force and torque (6,) by rotation (3, 3)."""
+    for axis in range(3):
+        turned[axis] = turned[3 + axis] = 0.0
+        for k in range(3):
+            turned[axis] += rotation[axis, k] * wrench[k]
+            turned[3 + axis] += rotation[axis, k] * wrench[3 + k]
+
+
+class WrenchController:
+    """Pure core of the wrench_controller node.
+
+    Attributes:
+        tension: (n,) newest output [N].
+        control: (6,) newest u of (3.17) [N, N m].
+        residual: (6,) wrench of tension minus control [N, N m].
+        desired: (6,) desired wrench in force [N, N m].
+        active: whether a load is asked for.
+        feasible: whether the newest control was feasible.
+        infeasible_cycles: how many were not.
+        fault: why no load is asked for in LOADING; empty while all is well.
+        notice: what does not stop the load but should be known; empty otherwise.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        """Start inactive at the reference pose."""
+        self._rig = rig
+        n = rig.geometry.cables
+        control = rig.control
+        self._law = WrenchLaw(rig.gains.proportional, rig.gains.integral, n)
+        self._limits = (np.full(n, control.tension_min), np.full(n, control.tension_max))
+        self._weights = np.array(DEFAULT_WEIGHTS)
+        self._pack = np.zeros(pack_size(n))
+        set_method(self._pack, n, control.tension_method, control.tension_exponent, share=0.0)
+        self._matrix = np.zeros((6, n))
+        # Pose arrays of its own: compiled code differs for those that come read-only.
+        self._position, self._rotation = np.zeros(3), np.eye(3)
+        self._unload_step = np.repeat(control.unload_rates, 3)
+        self._desired_timeout = control.desired_timeout
+        self._tensions = TensionReference(rig)
+        self._last_stamp = -np.inf
+        self._bad_samples = 0
+        self.tension = np.zeros(n)
+        self.control = self._law.control
+        self.residual = self._law.residual
+        self.desired = np.zeros(6)
+        self.active = False
+        self.feasible = True
+        self.infeasible_cycles = 0
+        self.fault = ""
+        self.notice = ""
+        geometry = rig.geometry
+        self.set_pose(geometry.reference_position, geometry.reference_rotation)
+
+    def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
+        """Take the platform's pose, (3,) [m] and (3, 3), base frame; costs one decomposition."""
+        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
+        self._position[:], self._rotation[:] = position, rotation
+        structure_matrix_into(*points, self._position, self._rotation, self._matrix)
+        pack_pose(self._matrix, *self._limits, self._weights, self._pack)
+
+    def trip(self, reason: str) -> None:
+        """Give the load up for a reason from outside; the first reason stays until LOADING ends."""
+        self.fault = self.fault or reason
+
+    def to_base_axes(self, wrench: FloatArray) -> FloatArray:
+        """Turn a wrench at the platform's origin from platform to base axes; (6,) to (6,)."""
+        turned = np.empty(6)
+        _turn_into(self._rotation, wrench, turned)
+        return turned
+
+    def step(
+        self,
+        stamp_s: float,
+        measured: FloatArray,
+        mode: OperatingMode,
+        wanted: DesiredWrench | None,
+        tensions: DesiredTension | None = None,
+    ) -> FloatArray:
+        """Answer one wrench sample.
+
+        Args:
+            stamp_s: when it was measured [s].
+            measured: (6,) on the platform, at its origin, base axes [N, N m].
+            mode: operating mode.
+            wanted: newest desired wrench; None before the first: zero.
+            tensions: newest desired tensions; while they are fresh they go before the wrench.
+
+        Returns:
+            (n,) tension within the limits [N]; meaningful only where `active`. The same array
+            at every call.
+        """
+        dt_s = stamp_s - self._last_stamp
+        if back := clock_fault("wrench", dt_s):
+            self.trip(back)
+        elif not dt_s > 0.0:
+            return self.tension
+        self._last_stamp = stamp_s
+        usable = bool(np.isfinite(measured).all())
+        self._bad_samples = 0 if usable else self._bad_samples + 1
+        if mode != OperatingMode.LOADING:
+            self._rest()
+            return self.tension
+        if self._bad_samples > MAX_BAD_SAMPLES and not self.fault:
+            self.fault = f"wrench: {self._bad_samples} samples in a row are not finite"
+        if self.fault:
+            self.active = False
+            return self.tension
+        if not usable:
+            return self.tension
+        if self._command_tensions(stamp_s, min(dt_s, LONGEST_STEP_S), tensions):
+            return self.tension
+        self._follow(stamp_s, min(dt_s, LONGEST_STEP_S), wanted)
+        if not self.active or dt_s > LONGEST_STEP_S:
+            start = measured if not self.active else self._law.control.copy()
+            self._law.reset(start, self.desired, measured)
+            if not self.active:
+                self._pack[SHARE] = 0.0
+            self.active = True
+        self._fade(min(dt_s, LONGEST_STEP_S))
+        status = self._law.step(self.desired, measured, min(dt_s, LONGEST_STEP_S), self._pack)
+        self.feasible = status == 0
+        self.infeasible_cycles += status == 1
+        self.tension[:] = self._law.tension
+        return self.tension
+
+    def _fade(self, dt_s: float) -> None:
+        """Go from the minimum norm, which is near the pre-tension, to the method's tensions.
+
+        At once would be a step of tens of newtons in every cable.
+        """
+        share = self._pack[SHARE] + dt_s / self._rig.control.tension_fade
+        self._pack[SHARE] = min(share, 1.0)
+
+    def _command_tensions(self, stamp_s: float, dt_s: float, wanted: DesiredTension | None) -> bool:
+        """Command tensions instead of a wrench, if some are asked for (section 4.3)."""
+        reference = self._tensions
+        led = reference.active
+        present = self.tension if self.active and not led else None
+        if not reference.step(stamp_s, dt_s, wanted, present):
+            # The wrench takes over from what the sensor says, as at the start of a load.
+            self.active = self.active and not led
+            return False
+        self.tension[:] = reference.tension
+        np.matmul(self._matrix, reference.tension, out=self.control)
+        self.desired[:] = self.control
+        self.residual[:] = 0.0
+        self.active, self.feasible = True, not reference.limited
+        self.infeasible_cycles += reference.limited
+        self.notice = ""
+        if reference.stale:
+            self.notice = f"desired_tension is older than {self._desired_timeout:g} s: unloading"
+        return True
+
+    def _rest(self) -> None:
+        self._tensions.reset()
+        self.active = False
+        self.fault = ""
+        self.notice = ""
+        self.desired[:] = 0.0
+        self.control[:] = 0.0
+        self.residual[:] = 0.0
+        self.tension[:] = 0.0
+        self.feasible = True
+
+    def _follow(self, stamp_s: float, dt_s: float, wanted: DesiredWrench | None) -> None:
+        """Set the desired wrench in force; a stale one is ramped to zero at the unload rate."""
+        if wanted is not None and abs(stamp_s - wanted.stamp_s) <= self._desired_timeout:
+            self.desired[:] = wanted.wrench
+            self.notice = ""
+            return
+        if wanted is not None and self.desired.any():
+            self.notice = (
+                f"desired_wrench is older than {self._desired_timeout:g} s: unloading to zero"
+            )
+        step = self._unload_step * dt_s
+        self.desired -= np.clip(self.desired, -step, step)

@@ -1,0 +1,1 @@
+"""Between the card and the messages: scaling, watchdog, unloading."""

@@ -1,0 +1,226 @@
+"""What the bridge does with each sample and each command; pure, without card, clock or ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
+from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.rig import Rig
+from cabols_control.supervision.modes import OperatingMode
+from cabols_hw.bridge.scaling import limbs_into, loaded_wrench_into, volts_into
+from cabols_hw.card.config import CardConfig
+from cabols_hw.card.daq import CardSample
+from cabols_hw.force_torque.ati import AXES
+from cabols_hw.force_torque.tool_weight import tool_weight_into
+
+SATURATED_VOLTS = 9.98
+"""A gauge beyond this stands at the converter's end: the wrench cannot be trusted."""
+
+
+class Bridge:
+    """Samples to limb states and wrenches, currents to volts.
+
+    Attributes:
+        wound_length: (n,) [m] since start.
+        elongation: (n,) [m] above the pre-tightened zero, NaN before.
+        tension: (n,) estimate [N] (3.9), NaN before zeroing.
+        switch_closed: (n,) bool.
+        zeroed: (n,) bool.
+        wrench: (6,) on the platform, at its origin, platform axes, without the weight of the tool
+            in the platform's present orientation [N, N m].
+        load: (6,) all that pulls on the sensor, at its origin, sensor axes [N, N m].
+        tared: whether the sensor's bias is known.
+        saturated_gauge: whether the newest sample had a gauge at its end.
+        saturation: what of the newest sample is beyond the sensor's range: a gauge at its end, or
+            an axis of load; empty for nothing.
+        gauges: (6,) newest gauge voltages [V].
+        rotation: (3, 3) platform to base, of the newest pose.
+        structure: (6, n) structure matrix at the newest pose.
+    """
+
+    def __init__(self, rig: Rig, card: CardConfig) -> None:
+        """Start unzeroed and untared at the reference pose."""
+        n = rig.geometry.cables
+        self._rig = rig
+        self._card = card
+        self._stiffness = rig.limbs.stiffness
+        self._switch_elongation = rig.limbs.switch_tension / rig.limbs.stiffness
+        self._raw = np.zeros(n, dtype=np.int64)
+        self._counts = np.zeros(n, dtype=np.int64)
+        self._started = False
+        self._mode = OperatingMode.STOPPED
+        self._length = np.zeros(n)
+        self._zero = np.full(n, np.nan)
+        self._was_closed: BoolArray = np.ones(n, dtype=np.bool_)
+        self._bias = np.zeros(6)
+        self._bias_sum = np.zeros(6)
+        self._bias_count = 0
+        self._transform = card.sensor_transform
+        self._to_sensor = np.ascontiguousarray(np.linalg.inv(card.sensor_transform))
+        self._centre_of_mass = np.array(card.tool_centre_of_mass)
+        self._weight = np.zeros(6)
+        self._weight_sum = np.zeros(6)
+        self._tare_weight = np.zeros(6)
+        self._limits = card.sensor_limits
+        self._gauge = self._axis = -1
+        self._volts = np.zeros(n)
+        self._before = np.zeros(n)
+        self._newest_ns = 0
+        self._growth = self._growth_in(card.period)
+        self.wound_length = np.zeros(n)
+        self.elongation = np.full(n, np.nan)
+        self.tension = np.full(n, np.nan)
+        self.switch_closed: BoolArray = np.zeros(n, dtype=np.bool_)
+        self.zeroed: BoolArray = np.zeros(n, dtype=np.bool_)
+        self.wrench = np.zeros(6)
+        self.load = np.zeros(6)
+        self.tared = False
+        self.gauges = np.zeros(6)
+        self.rotation = np.eye(3)
+        self.structure = np.zeros((6, n))
+        self.set_pose(rig.geometry.reference_position, rig.geometry.reference_rotation)
+
+    def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
+        """Take the platform's pose, (3,) [m] and (3, 3), base frame."""
+        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
+        # Copies, because compiled code differs for arrays that come read-only. New arrays, because
+        # a sample that is being taken must have the old ones or the new ones, no mixture.
+        position, rotation = np.array(position), np.array(rotation, order="C")
+        cable_lengths_into(*points, position, rotation, self._length)
+        structure, weight = np.zeros_like(self.structure), np.zeros(6)
+        structure_matrix_into(*points, position, rotation, structure)
+        self.structure = structure
+        self.rotation = rotation
+        tool_weight_into(self._card.tool_mass, self._centre_of_mass, rotation, weight)
+        self._weight = weight
+
+    @property
+    def saturated_gauge(self) -> bool:
+        """Whether the newest sample had a gauge at its converter's end, or not a number."""
+        return self._gauge >= 0
+
+    @property
+    def saturation(self) -> str:
+        """What of the newest sample is beyond the sensor's range, in words; empty for nothing."""
+        if self._gauge >= 0:
+            return f"gauge {self._gauge} is saturated or not a number"
+        if self._axis < 0:
+            return ""
+        limit, unit = self._limits[self._axis], "N" if self._axis < 3 else "N m"
+        return (
+            f"{AXES[self._axis]} is {self.load[self._axis]:.4g} {unit}, beyond the sensor's "
+            f"{limit:g} {unit}"
+        )
+
+    @property
+    def current(self) -> FloatArray:
+        """(n,) currents that the newest volts() stand for [A]."""
+        return self._volts * self._card.amperes_per_volt
+
+    def tare(self) -> None:
+        """Average the next samples as the sensor's bias; the tool's weight stays known."""
+        self._bias_sum[:] = 0.0
+        self._weight_sum[:] = 0.0
+        self._bias_count = 0
+        self.tared = False
+
+    def take(self, sample: CardSample, mode: OperatingMode) -> None:
+        """Update all attributes from one sample.
+
+        In PRETIGHTENING the sample at which a limb's switch closes (from open) sets its zero: there
+        the tension is the switch's 4.7 N, so that elongation counts from the unloaded spring.
+        Whenever the mode becomes PRETIGHTENING all zeros are forgotten, to be set anew.
+        """
+        card = self._card
+        if mode == OperatingMode.PRETIGHTENING and self._mode != mode:
+            self._zero[:] = np.nan
+            self.zeroed[:] = False
+        self._mode = mode
+        if not self._started:
+            self._raw[:] = sample.encoders
+            self._newest_ns = sample.time_ns
+            self._started = True
+        else:
+            self._growth = self._growth_in(1e-9 * (sample.time_ns - self._newest_ns))
+            self._newest_ns = sample.time_ns
+        self.gauges[:] = sample.analog
+        np.multiply(self._volts, card.amperes_per_volt, out=self._before)
+        np.not_equal(sample.digital, card.switch_active_low, out=self.switch_closed)
+        limbs_into(
+            sample.encoders,
+            self._raw,
+            self._counts,
+            card.counts_per_metre,
+            self._length,
+            self.switch_closed,
+            self._was_closed,
+            mode == OperatingMode.PRETIGHTENING,
+            self._switch_elongation,
+            self._stiffness,
+            self._zero,
+            self.zeroed,
+            self.wound_length,
+            self.elongation,
+            self.tension,
+        )
+        weight = self._weight
+        if not self.tared:
+            self._average_bias(sample.analog, weight)
+        self._gauge, self._axis = loaded_wrench_into(
+            card.ft_matrix,
+            sample.analog,
+            self._bias,
+            self._tare_weight,
+            SATURATED_VOLTS,
+            self._limits,
+            self._transform,
+            weight,
+            self.load,
+            self.wrench,
+        )
+
+    def _growth_in(self, duration_s: float) -> float:
+        rate = self._card.current_rate_limit
+        return rate * duration_s if rate > 0.0 else np.inf
+
+    def _average_bias(self, volts: FloatArray, weight: FloatArray) -> None:
+        if not np.abs(volts).max() <= SATURATED_VOLTS:
+            return
+        self._bias_sum += volts
+        self._bias_count += 1
+        np.divide(self._bias_sum, self._bias_count, out=self._bias)
+        self._weight_sum += weight
+        np.dot(self._to_sensor, self._weight_sum / self._bias_count, out=self._tare_weight)
+        self.tared = self._bias_count >= self._card.tare_samples
+
+    def bind(self, arrays: Mapping[str, Any]) -> None:
+        """Let results be written straight into other arrays, e.g. those of a message.
+
+        Args:
+            arrays: by attribute name, of the attribute's shape and type.
+        """
+        for name, array in arrays.items():
+            array[:] = getattr(self, name)
+            setattr(self, name, array)
+
+    def volts(self, current: FloatArray) -> FloatArray:
+        """Amplifier inputs for (n,) currents [A], limited to what the rig's configuration allows.
+
+        A current grows no faster than the card's current_rate_limit from sample to sample, however
+        often this is called between two; it falls at once. NaN becomes zero. The same array at
+        every call.
+        """
+        volts_into(
+            current,
+            self._rig.control.current_limit,
+            self._before,
+            self._growth,
+            self._card.amperes_per_volt,
+            self._card.output_limit,
+            self._volts,
+        )
+        return self._volts

@@ -1,0 +1,87 @@
+"""The bridge's own way down from a load, when no controller is to be obeyed any more; pure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.limb_control.law import LimbLaw
+from cabols_control.rig import Rig
+
+LONGEST_STEP_S = 0.010
+NEARLY_N = 2.0
+"""So near to the holding tension a limb counts as unloaded."""
+
+
+class Unloading:
+    """Ramps the tensions of the trusted limbs down to the holding tension, then rests.
+
+    Attributes:
+        current: (n,) newest output [A].
+        active: whether it is at work; false when all is down, or its time is over.
+    """
+
+    def __init__(self, rig: Rig, rate: float = 1000.0, patience_s: float = 1.0) -> None:
+        """Start at rest.
+
+        Args:
+            rig: limbs and gains.
+            rate: of the tensions [N/s].
+            patience_s: after so long the currents are cut, whatever the tensions [s].
+        """
+        n = rig.geometry.cables
+        self._law = LimbLaw(list(rig.gains.limbs), rig.control.current_limit)
+        self._rate = rate
+        self._patience = patience_s
+        self._hold = 1.3 * rig.limbs.switch_tension
+        self._setpoint = np.zeros(n)
+        self._trusted: BoolArray = np.zeros(n, dtype=np.bool_)
+        self._end_s = -np.inf
+        self._last_s = -np.inf
+        self.current = np.zeros(n)
+        self.active = False
+
+    def begin(
+        self, now_s: float, tension: FloatArray, elongation: FloatArray, trusted: BoolArray
+    ) -> None:
+        """Start from the present (n,) tensions [N] and elongations [m], with the trusted limbs."""
+        known = np.isfinite(tension) & np.isfinite(elongation)
+        self._trusted = trusted & known
+        self._setpoint = np.where(self._trusted, tension, self._hold)
+        self._end_s, self._last_s = now_s + self._patience, now_s
+        self.current[:] = 0.0
+        self.active = bool(self._trusted.any())
+        for i in np.flatnonzero(self._trusted):
+            self._law.reset(int(i), float(elongation[i]), 0.0)
+
+    def step(self, now_s: float, tension: FloatArray, elongation: FloatArray) -> FloatArray:
+        """Return the (n,) currents [A] for one sample; zero once it is over."""
+        dt_s = now_s - self._last_s
+        if not self.active or not dt_s > 0.0:
+            return self.current
+        self._last_s = now_s
+        trusted = self._trusted
+        down = ~trusted | (tension <= self._hold + NEARLY_N)
+        if down.all() or now_s > self._end_s:
+            return self.stop()
+        self._setpoint = np.maximum(self._setpoint - self._rate * dt_s, self._hold)
+        # An untrusted limb has no current, so its law is fed nothing to do.
+        reference = np.where(trusted, self._law.tension_gain * (self._setpoint - tension), 0.0)
+        position = np.where(trusted, elongation, 0.0)
+        if not self._law.advance(reference, position, min(dt_s, LONGEST_STEP_S)):
+            return self.stop()
+        self.current[:] = np.where(trusted, self._law.current, 0.0)
+        return self.current
+
+    def warm_up(self, tension: FloatArray, elongation: FloatArray) -> None:
+        """Compile what step() needs, for the arrays that it will get; ends at rest."""
+        n = self.current.size
+        self.begin(0.0, np.full(n, 50.0), np.zeros(n), np.ones(n, dtype=np.bool_))
+        self.step(1e-3, tension, elongation)
+        self.stop()
+
+    def stop(self) -> FloatArray:
+        """Rest: zero currents from now on."""
+        self.active = False
+        self.current[:] = 0.0
+        return self.current

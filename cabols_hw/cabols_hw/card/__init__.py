@@ -1,0 +1,1 @@
+"""The data acquisition card: configuration, wiring, back ends."""

@@ -1,0 +1,1 @@
+"""The force/torque sensor: calibration, tare, weight of the tool."""

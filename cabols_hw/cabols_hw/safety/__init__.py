@@ -1,0 +1,1 @@
+"""The safety envelope, and the guard that acts on it."""

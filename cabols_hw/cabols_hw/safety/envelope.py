@@ -1,0 +1,301 @@
+"""The safety envelope: what the bridge holds the rig to, whatever the controllers say; pure."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+from cabols_control.rig import Rig
+from cabols_control.supervision.modes import LOADED, MOVING, OVERLOAD, OperatingMode
+from cabols_hw.bridge.bridge import SATURATED_VOLTS, Bridge
+from cabols_hw.safety import rules
+from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.safety.faults import AXES, Fault, same_kind
+from cabols_hw.safety.pose import PoseWatch
+
+BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
+"""Modes in which the zeroed limbs' estimates decide about currents."""
+LONGEST_STEP_S = 0.005
+"""After a longer gap speeds start anew; no rule counts more than this for one sample."""
+
+
+class SafetyEnvelope:
+    """Holds every sample and every pose against the rig's limits.
+
+    Attributes:
+        fault: first broken rule, kept until the mode is STOPPED; None while all is well.
+    """
+
+    def __init__(self, rig: Rig, config: SafetyConfig, current_limit: float) -> None:
+        """Start with nothing known.
+
+        Args:
+            rig: geometry and limbs.
+            config: limits.
+            current_limit: what the bridge limits currents to [A].
+        """
+        n = rig.geometry.cables
+        self._config = config
+        self._models = (np.array(rig.limbs.gain), np.array(rig.limbs.time_constant))
+        self._wrench_max = np.array(config.wrench_max)
+        self._limb_limits = np.array(
+            [
+                config.encoder_jump,
+                config.tension_max,
+                config.cable_tension,
+                config.cable_time,
+                current_limit,
+                config.current_saturated,
+                config.motion_current,
+                config.motion_time,
+                config.switch_payout,
+            ]
+        )
+        self._estimate_limits = np.array(
+            [config.estimate_force, config.estimate_torque, config.estimate_time]
+        )
+        self._last_wound = np.zeros(n)
+        self._last_speed = np.full(n, np.nan)
+        self._observed = np.zeros(n)
+        self._began = np.full(n, np.nan)
+        self._pretightening = False
+        self._relief_left_s = 0.0
+        self._lowest_force = np.inf
+        self._since = np.zeros((rules.SINCE_ROWS, n))
+        self._since_apart = np.zeros(1)
+        self._last_volts = np.full(6, np.nan)
+        self._since_flat = np.zeros(6)
+        self._last_s = np.nan
+        self._pose = PoseWatch(rig, config)
+        self.fault: Fault | None = None
+
+    def judge(self, now_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+        """Hold one sample, just taken by the bridge, against all rules.
+
+        Args:
+            now_s: the sample's time on the card's clock [s].
+            bridge: holds what the sample says, and the currents that are on the amplifiers.
+            mode: operating mode. At rest nothing moves: only the sensor is judged then.
+
+        Returns:
+            The fault in force.
+        """
+        dt_s = now_s - self._last_s
+        self._last_s = now_s
+        fault = self._find(now_s, dt_s, bridge, mode)
+        stopped = mode == OperatingMode.STOPPED
+        if stopped:
+            self._pose.rest()
+        if (stopped or self._relieves(mode)) and not same_kind(self.fault, fault):
+            self.fault = None
+        self.fault = self.fault or fault
+        return self.fault
+
+    def warm_up(self, bridge: Bridge) -> None:
+        """Compile what judge() reaches only in some states, for the bridge's own arrays."""
+        rules.judge_wrench(
+            1e-3,
+            bridge.wrench,
+            self._wrench_max,
+            bridge.tension,
+            bridge.structure,
+            bridge.rotation,
+            self._estimate_limits,
+            np.zeros(1),
+        )
+
+    def trip(self, fault: Fault) -> None:
+        """Take a fault that was found elsewhere; the first one stays."""
+        self.fault = self.fault or fault
+
+    def _find(self, now_s: float, dt_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+        moving = mode in MOVING
+        if not moving or not 0.0 < dt_s <= LONGEST_STEP_S:
+            rules.forget_motion(
+                bridge.wound_length, self._last_wound, self._last_speed, self._observed
+            )
+            if not moving:
+                self._since[:] = 0.0
+            if moving and dt_s > self._config.state_age:
+                return Fault(
+                    "state_age",
+                    f"{1e3 * dt_s:.0f} ms without a sample, "
+                    f"{1e3 * self._config.state_age:.0f} ms allowed",
+                )
+        self._note_pretightening(bridge, mode)
+        sensor = self._judge_sensor(dt_s, bridge)
+        if not moving:
+            self._note_overload(sensor, bridge)
+        if not moving or not dt_s > 0.0:
+            return sensor
+        dt_s = min(dt_s, LONGEST_STEP_S)
+        self._relief_left_s -= dt_s
+        relieves = self._relieves(mode)
+        if relieves and sensor is not None and sensor.name == OVERLOAD:
+            sensor = None
+        found = self._judge_limbs(dt_s, bridge) or sensor or self._pose.judge(now_s, mode)
+        if found is None and bridge.tared and not relieves:
+            found = self._judge_wrench(dt_s, bridge, mode)
+        return found
+
+    def _note_overload(self, sensor: Fault | None, bridge: Bridge) -> None:
+        """At rest: whether a load that the gears hold is beyond the sensor's limits."""
+        beyond = bridge.tared and bool((np.abs(bridge.wrench) > self._wrench_max).any())
+        overloaded = beyond or (sensor is not None and sensor.name == OVERLOAD)
+        self._relief_left_s = self._config.relief_time if overloaded else 0.0
+
+    def _relieves(self, mode: OperatingMode) -> bool:
+        """Whether FREE_MOVING is taking off an overload that it found: the way out of one.
+
+        It lowers the tensions by encoders and switches, and their limits hold all the time.
+        """
+        return mode == OperatingMode.FREE_MOVING and self._relief_left_s > 0.0
+
+    def _note_pretightening(self, bridge: Bridge, mode: OperatingMode) -> None:
+        """Remember where the limbs were when PRETIGHTENING began."""
+        pretightening = mode == OperatingMode.PRETIGHTENING
+        if pretightening != self._pretightening:
+            self._began[:] = bridge.wound_length if pretightening else np.nan
+            self._lowest_force = np.inf
+            self._pretightening = pretightening
+
+    def _judge_limbs(self, dt_s: float, bridge: Bridge) -> Fault | None:
+        rule, i = rules.judge_limbs(
+            dt_s,
+            self._limb_limits,
+            *self._models,
+            bridge.wound_length,
+            bridge.tension,
+            bridge.current,
+            bridge.switch_closed,
+            bridge.zeroed,
+            self._began,
+            self._last_wound,
+            self._last_speed,
+            self._observed,
+            self._since,
+        )
+        if rule == rules.FINE:
+            return None
+        config, tension = self._config, float(bridge.tension[i])
+        if rule == rules.ENCODER:
+            return Fault("encoder", f"limb {i}: jumped to {self._last_speed[i]:.1f} m/s", i)
+        if rule == rules.TENSION:
+            return Fault(
+                "tension", f"limb {i} pulls {tension:.1f} N, {config.tension_max:g} N allowed"
+            )
+        if rule == rules.CABLE:
+            return self._cable_or_switch(i, bridge)
+        if rule == rules.SWITCH:
+            payout = 1e3 * config.switch_payout
+            return Fault("switch", f"limb {i}: closed after paying out {payout:.0f} mm: stuck?", i)
+        if rule == rules.CURRENT:
+            return Fault(
+                "current",
+                f"limb {i}: at its limit of {self._limb_limits[4]:g} A for "
+                f"{1e3 * config.current_saturated:.0f} ms",
+                i,
+            )
+        return Fault(
+            "motion",
+            f"limb {i}: more than {config.motion_current:g} A are not in its motion; "
+            "jammed, a slipping encoder or an amplifier's offset?",
+            i,
+        )
+
+    def _cable_or_switch(self, i: int, bridge: Bridge) -> Fault:
+        """Tell a broken cable from a switch stuck open: the sensor misses a cable, not a switch."""
+        tension = float(bridge.tension[i])
+        column = bridge.structure[:3, i]
+        measured = bridge.rotation @ bridge.wrench[:3]
+        missing = float(column @ (bridge.structure[:3] @ bridge.tension - measured))
+        if missing > 0.5 * tension:
+            return Fault(
+                "cable",
+                f"limb {i}: elongation says {tension:.1f} N, switch and sensor say none: broken?",
+                i,
+            )
+        return Fault("switch", f"limb {i}: open at an estimated {tension:.1f} N: stuck?", i)
+
+    def _judge_sensor(self, dt_s: float, bridge: Bridge) -> Fault | None:
+        rule, gauge = rules.judge_sensor(
+            max(dt_s, 0.0),
+            bridge.gauges,
+            self._last_volts,
+            SATURATED_VOLTS,
+            self._config.sensor_flat,
+            self._since_flat,
+        )
+        if rule == rules.FINE:
+            # An axis can be beyond the sensor's range while every gauge still tells the truth.
+            said = bridge.saturation
+            return Fault("sensor_saturated", f"force/torque sensor: {said}") if said else None
+        if rule == rules.SENSOR_INVALID:
+            return Fault("sensor_invalid", f"force/torque sensor: gauge {gauge} is not a number")
+        volts = float(bridge.gauges[gauge])
+        if rule == rules.SENSOR_SATURATED:
+            return Fault(
+                "sensor_saturated",
+                f"force/torque sensor: a gauge is saturated: {gauge} at {volts:.2f} V",
+            )
+        return Fault(
+            "sensor_flat",
+            f"force/torque sensor: gauge {gauge} has shown {volts:.4f} V for "
+            f"{self._config.sensor_flat:g} s: a broken wire?",
+        )
+
+    def _judge_wrench(self, dt_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+        if mode == OperatingMode.PRETIGHTENING:
+            return self._judge_pretension(bridge)
+        if mode not in BY_TENSION or not bridge.zeroed.all():
+            self._since_apart[:] = 0.0
+            return None
+        rule, axis = rules.judge_wrench(
+            dt_s,
+            bridge.wrench,
+            self._wrench_max,
+            bridge.tension,
+            bridge.structure,
+            bridge.rotation,
+            self._estimate_limits,
+            self._since_apart,
+        )
+        if rule == rules.WRENCH:
+            kind, unit = ("force", "N") if axis < 3 else ("torque", "N m")
+            return Fault(
+                "wrench",
+                f"{kind} {AXES[axis % 3]} is {bridge.wrench[axis]:.1f} {unit}, "
+                f"{self._wrench_max[axis]:g} {unit} allowed",
+            )
+        if rule == rules.ESTIMATE:
+            return Fault(
+                "estimate",
+                "the force/torque sensor and the tension estimates disagree by more than "
+                f"{self._config.estimate_force:g} N or {self._config.estimate_torque:g} N m",
+            )
+        return None
+
+    def _judge_pretension(self, bridge: Bridge) -> Fault | None:
+        """Find a limb that winds in on and on because its switch does not close.
+
+        A load that was cut, and held by the gears since, is there from the beginning: only what
+        has come on top of the lowest force since then counts.
+        """
+        force = bridge.rotation @ bridge.wrench[:3]
+        size = float(np.linalg.norm(force))
+        self._lowest_force = min(self._lowest_force, size)
+        if size - self._lowest_force <= self._config.pretension_force or bridge.zeroed.all():
+            return None
+        # Of the limbs that still look for their switch the one that pulls this way.
+        along = np.where(bridge.zeroed, -np.inf, bridge.structure[:3].T @ force)
+        i = int(np.argmax(along))
+        return Fault(
+            "switch",
+            f"limb {i}: the pull has grown to {size:.0f} N in PRETIGHTENING, by more than "
+            f"{self._config.pretension_force:g} N, and its switch is open: stuck?",
+            i,
+        )
+
+    def hear_pose(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
+        """Take a platform pose, to be judged with the next sample; see PoseWatch.hear."""
+        return self._pose.hear(now_s, position, rotation)

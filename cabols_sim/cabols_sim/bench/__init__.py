@@ -1,0 +1,1 @@
+"""Commands that run the simulated rig through the real nodes."""

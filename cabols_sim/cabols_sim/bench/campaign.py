@@ -1,0 +1,202 @@
+"""A stiffness campaign on the simulated rig: starts the bench in lockstep, runs it, analyses it."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from cabols_control.bringup.graph import NodeSpec
+from cabols_control.bringup.processes import Ended, executable_path
+from cabols_control.configuration import load_config, packaged
+from cabols_sim.bench.commission import ToolSpec
+from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
+from cabols_sim.devices.robot.robot_config import RobotConfig
+
+TOOL = "run_campaign"
+COMPLETE = "complete"
+"""File that tells the next call to begin anew."""
+STALE_S = 10.0
+"""On the computer's clock: in lockstep the rig's time may stand for long without any harm."""
+WITHIN = 0.02
+TARGET_S = 300.0
+SCATTER = (7.2, 4.5, 9.0, 8.3, 8.5, 11.4)
+"""Of the source's ten configurations, standard deviations in percent (table 4.3)."""
+
+
+@dataclass(frozen=True)
+class BenchCampaign:
+    """One call of the simulated rig with a campaign.
+
+    Attributes:
+        folder: of the campaign.
+        campaign: its campaign.yaml; empty: the bench's.
+        accuracy: to stop at; 0: none.
+        seed: of the simulated rig's noise.
+        robot_file: YAML of the simulated robot; empty: bench.
+        real_time: by the wall clock instead of lockstep.
+    """
+
+    folder: Path
+    campaign: str = ""
+    accuracy: float = 0.0
+    seed: int = 0
+    robot_file: str = ""
+    real_time: bool = False
+
+    def values(self) -> dict[str, Any]:
+        """Arguments of the graph."""
+        pace = {**forgiving(), **real_time_arguments()} if self.real_time else {}
+        return {
+            **pace,
+            "campaign": True,
+            "robot": True,
+            # The campaign records what its analysis needs by itself.
+            "record": False,
+            "lockstep": not self.real_time,
+            "seed": self.seed,
+            "robot_file": self.robot_file,
+            **({} if self.real_time else {"stale_after": STALE_S, "state_timeout": STALE_S}),
+        }
+
+    def tool(self) -> NodeSpec:
+        """The client that begins the campaign, and with whose end all ends."""
+        words = ["--folder", str(self.folder), "--accuracy", f"{self.accuracy:g}"]
+        if self.campaign:
+            words += ["--campaign", self.campaign]
+        return ToolSpec("cabols_stiffness", TOOL, (), (), words=tuple(words))
+
+    def run(self, on_line: Any, on_start: Any = None, environment: Any = None) -> Ended:
+        """Run it to its end, or until one node ends, or Ctrl-C."""
+        return run_bench(
+            self.values(),
+            on_line,
+            self.folder / "log",
+            environment or isolated_environment(),
+            on_start,
+            tools=[self.tool()],
+        )
+
+
+def show(node: str, line: str) -> None:
+    """Show the client's lines, and of the others what is not well."""
+    if node == TOOL:
+        print(line, flush=True)
+    elif any(word in line for word in ("error", "ERROR", "WARN", "Traceback", "Error")):
+        print(f"  {node}: {line.rpartition(']: ')[2]}", flush=True)
+
+
+def analyse(folder: Path, quiet: bool = False) -> int:
+    """Analyse a campaign's bags with the tool of its package; return its exit code."""
+    command = [str(executable_path("cabols_stiffness", "analyze")), str(folder)]
+    output = subprocess.DEVNULL if quiet else None
+    return subprocess.run(command, check=False, stdout=output).returncode
+
+
+def compare(folder: Path, robot_file: str = "") -> tuple[str, float]:
+    """Table of what was found against the simulated robot's truth, and the worst error.
+
+    Args:
+        folder: of the campaign, analysed.
+        robot_file: of the simulated robot; empty: bench.
+
+    Returns:
+        The table, and the largest relative error; infinite if a joint was not identified.
+    """
+    found = yaml.safe_load((folder / "result.yaml").read_text(encoding="utf-8"))
+    truth = load_config(RobotConfig, robot_file or packaged("cabols_sim", "bench_robot.yaml"))
+    lines = ["joint    true [Nm/rad]   found [Nm/rad]    error   deviation   the source's scatter"]
+    worst = 0.0
+    for j, joint in enumerate(found["joints"]):
+        value, deviation = joint["stiffness_nm_per_rad"], joint["standard_deviation_nm_per_rad"]
+        true = truth.stiffness[j]
+        if value is None:
+            lines.append(f"{j + 1:5d}  {true:15.0f}   not identifiable")
+            worst = np.inf
+            continue
+        error = value / true - 1.0
+        worst = max(worst, abs(error))
+        lines.append(
+            f"{j + 1:5d}  {true:15.0f}  {value:15.0f}  {100 * error:+6.2f} %  "
+            f"{100 * deviation / value:8.2f} %  {SCATTER[j]:18.1f} %"
+        )
+    return "\n".join(lines), float(worst)
+
+
+def main() -> int:
+    """Run the campaign; 0 if every joint is within 2 %, 1 if not, 130 after Ctrl-C."""
+    options = _arguments()
+    complete = options.output / COMPLETE
+    if options.fresh or complete.exists():
+        shutil.rmtree(options.output, ignore_errors=True)
+    campaign = BenchCampaign(
+        options.output,
+        options.campaign,
+        options.accuracy,
+        options.seed,
+        options.robot_file,
+        options.real_time,
+    )
+    pace = "in real time" if options.real_time else "in lockstep"
+    print(f"stiffness campaign on the simulated rig, {pace}, into {options.output}", flush=True)
+    began = time.monotonic()
+    ended = campaign.run(show)
+    took_s = time.monotonic() - began
+    if not ended.first or ended.code == 130:
+        print(
+            f"interrupted: all nodes ended, motors at zero; call again to go on ({options.output})"
+        )
+        return 130
+    if ended.first != TOOL or ended.code != 0:
+        log = options.output / "log" / f"{ended.first}.log"
+        print(f"error: {ended.first} ended with code {ended.code}: {log}", file=sys.stderr)
+        return 1
+    complete.touch()
+    print(
+        f"campaign: {took_s:.0f} s, with the start of all nodes, target {TARGET_S:.0f} s: "
+        f"{'met' if took_s <= TARGET_S else 'NOT MET'}; {_processor_s():.0f} s of processor time "
+        f"on {len(os.sched_getaffinity(0))} cores",
+        flush=True,
+    )
+    code = analyse(options.output)
+    if code != 0:
+        return code
+    table, worst = compare(options.output, options.robot_file)
+    print(table)
+    verdict = "met" if worst <= WITHIN else "NOT MET"
+    print(f"every joint within {100 * WITHIN:g} %: worst {100 * worst:.2f} %, {verdict}")
+    print(f"all: {time.monotonic() - began:.0f} s")
+    return 0 if worst <= WITHIN else 1
+
+
+def _processor_s() -> float:
+    """Processor time of all processes that have ended, the nodes: what the campaign costs [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="campaign_bench", description=__doc__)
+    add = parser.add_argument
+    add("--output", type=Path, default=Path("build/campaign"), help="folder (default: %(default)s)")
+    add("--campaign", default="", help="campaign.yaml; default: the bench's")
+    add("--accuracy", type=float, default=0.0, help="stop at this relative deviation; 0: never")
+    add("--seed", type=int, default=0, help="of the simulated rig's noise")
+    add("--robot-file", default="", help="YAML of the simulated robot; default: bench")
+    add("--real-time", action="store_true", help="by the wall clock instead of lockstep")
+    add("--fresh", action="store_true", help="do not go on with a campaign that was cut")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,100 @@
+"""Limb commissioning on the simulated rig: starts the bench, runs the tool there, ends both."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from cabols_control.bringup.graph import NodeSpec
+from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
+
+TOOL = "commission"
+
+
+@dataclass(frozen=True)
+class ToolSpec(NodeSpec):
+    """A tool among the nodes: it takes plain arguments, and all end with it."""
+
+    words: tuple[str, ...] = ()
+
+    def arguments(self) -> list[str]:
+        """Return the command line behind the executable's name."""
+        return list(self.words)
+
+
+def main() -> int:
+    """Commission the simulated rig; returns 0, 1 after a failure, 130 after Ctrl-C."""
+    arguments = _arguments()
+    output = arguments.output
+    shutil.rmtree(output, ignore_errors=True)
+    output.mkdir(parents=True)
+    values = {
+        "record": False,
+        "robot": arguments.robot,
+        "seed": arguments.seed,
+        "speed": arguments.speed,
+        **forgiving(arguments.speed),
+        **real_time_arguments(),
+    }
+    limbs = ", ".join(str(limb) for limb in arguments.limb or [])
+    pace = "real time" if arguments.speed == 1.0 else f"{arguments.speed:g} of real time"
+    which = f"limbs {limbs}" if limbs else "all limbs"
+    print(f"cabols commissioning: {which} of the simulated rig, {pace} at 1 kHz", flush=True)
+    tool = ToolSpec("cabols_control", TOOL, (), (), words=_words(arguments))
+    ended = run_bench(values, _show, output / "log", tools=[tool])
+    if not ended.first:
+        print(f"interrupted: all nodes ended, motors at zero; what was done is in {output}")
+        return 130
+    if ended.first != TOOL or ended.code != 0:
+        log = output / "log" / f"{ended.first}.log"
+        print(f"error: {ended.first} ended with code {ended.code}: {log}", file=sys.stderr)
+        if arguments.speed == 1.0:
+            print("on a busy machine try --speed 0.3: the rig in slow motion", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="commission_bench", description=__doc__)
+    add = parser.add_argument
+    add("--output", type=Path, default=Path("build/commission"), help="folder to fill")
+    add("--limb", type=int, action="append", help="from 1; repeat; default: all")
+    add("--no-step", action="store_true", help="do not identify gain and time constant")
+    add("--no-ramp", action="store_true", help="do not identify the stiffness")
+    add("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
+    add("--seed", type=int, default=0, help="of the simulated rig's noise")
+    add("--speed", type=float, default=1.0, help="below 1: the rig in slow motion")
+    add(
+        "--robot",
+        action="store_true",
+        help="with robot and tracker; k_e then holds the robot's giving way, up to a tenth",
+    )
+    return parser.parse_args()
+
+
+def _words(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Command line of the tool."""
+    words = ["--output", str(arguments.output), "--speed", f"{arguments.speed:g}"]
+    for limb in arguments.limb or []:
+        words += ["--limb", str(limb)]
+    for name in ("no_step", "no_ramp"):
+        if getattr(arguments, name):
+            words.append("--" + name.replace("_", "-"))
+    if arguments.ramp_tension:
+        words += ["--ramp-tension", f"{arguments.ramp_tension:g}"]
+    return tuple(words)
+
+
+def _show(node: str, line: str) -> None:
+    """Show the tool's lines, and of the others what is not well."""
+    if node == TOOL:
+        print(line, flush=True)
+    elif any(word in line for word in ("error", "ERROR", "WARN", "Traceback")):
+        print(f"  {node}: {line.rpartition(']: ')[2]}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""The operator's console with the simulated rig: all nodes, devices and the page, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
+
+
+def main() -> int:
+    """Serve the page; returns 0 after Ctrl-C, 1 if a node ended by itself."""
+    arguments = _arguments()
+    output = arguments.output
+    output.mkdir(parents=True, exist_ok=True)
+    values = {
+        "robot": not arguments.rigid,
+        "console": True,
+        "campaign": not arguments.rigid,
+        "console_port": arguments.port,
+        "console_host": arguments.host,
+        "token_file": arguments.token_file,
+        "campaigns": str(output / "campaigns"),
+        "uploads": str(output / "programs"),
+        # The page's button begins a bag.
+        "record_at_start": False,
+        "output": str(output / "bags" / "first"),
+        "operator_timeout": arguments.operator_timeout,
+        "seed": arguments.seed,
+        "speed": arguments.speed,
+        **forgiving(arguments.speed),
+        **real_time_arguments(),
+    }
+    print(
+        f"cabols console: the simulated rig at {arguments.speed:g} of real time; "
+        f"http://localhost:{arguments.port} once it has started, Ctrl-C ends",
+        flush=True,
+    )
+    ended = run_bench(values, _show, output / "log")
+    if not ended.first:
+        print("interrupted: all nodes ended, motors at zero")
+        return 0
+    log = output / "log" / f"{ended.first}.log"
+    print(f"error: {ended.first} ended with code {ended.code}: {log}", file=sys.stderr)
+    return 1
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="console_bench", description=__doc__)
+    add = parser.add_argument
+    add(
+        "--output", type=Path, default=Path("build/console"), help="for bags, programmes, campaigns"
+    )
+    add("--port", type=int, default=8080, help="of the page (default: %(default)s)")
+    add("--host", default="127.0.0.1", help="to serve at; others than loopback need --token-file")
+    add("--token-file", default="", help="its first line is demanded of every visitor")
+    add("--rigid", action="store_true", help="a target that never moves: no robot, no tracker")
+    add("--seed", type=int, default=0, help="of the simulated rig's noise")
+    add("--speed", type=float, default=1.0, help="below 1: the rig in slow motion")
+    add(
+        "--operator-timeout",
+        type=float,
+        default=10.0,
+        help="s without the operator's page until the rig unloads (default: %(default)s)",
+    )
+    return parser.parse_args()
+
+
+def _show(node: str, line: str) -> None:
+    """Show the console's address, the modes, and what is not well."""
+    words = ("console at", "mode ", "error", "ERROR", "WARN", "Traceback", "recording")
+    if any(word in line for word in words):
+        print(f"  {node}: {line.rpartition(']: ')[2]}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

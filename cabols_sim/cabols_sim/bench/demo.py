@@ -1,0 +1,209 @@
+"""The demo: a session on the simulated rig, recorded, analysed, reported.
+
+The robot moves, the cables follow; the limbs pre-tighten, load the robot by a 6-DOF wrench
+trajectory, unload.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import shutil
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from cabols_control.bringup.processes import Ended
+from cabols_control.load_programs.programs import BUILT_IN, load_program
+from cabols_control.rig import load_rig
+from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
+
+EVENTS = ("mode ", "programme", "error", "ERROR", "WARN", "Error", "lost")
+
+
+class Progress:
+    """Tells what happens and how far the programme is."""
+
+    def __init__(self, duration_s: float) -> None:
+        """Start counting; duration_s is the programme's."""
+        self._duration = duration_s
+        self._began = time.monotonic()
+        self._loading: float | None = None
+        self._starting = True
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._tick, daemon=True)
+
+    def __enter__(self) -> Progress:
+        """Begin ticking."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop ticking."""
+        self._stop.set()
+        self._thread.join()
+
+    def line(self, node: str, text: str) -> None:
+        """Show a node's line if it is an event."""
+        if "programme done" in text:
+            self._loading = None
+        elif "programme" in text:
+            self._loading, self._starting = time.monotonic(), False
+        if any(word in text for word in EVENTS):
+            self.say(f"{node}: {text.rpartition(']: ')[2]}")
+
+    def step(self, text: str) -> None:
+        """Show what the operator does next."""
+        self._starting = False
+        self.say(text)
+
+    def say(self, text: str) -> None:
+        """Print one line with the time since start."""
+        print(f"  {time.monotonic() - self._began:5.1f} s  {text}", flush=True)
+
+    def _tick(self) -> None:
+        while not self._stop.wait(5.0):
+            loading = self._loading
+            if self._starting:
+                self.say("starting")
+            elif loading is not None:
+                done = min(time.monotonic() - loading, self._duration)
+                self.say(f"loading: {done:.0f} of {self._duration:.0f} s")
+
+
+def main() -> int:
+    """Run the demo; returns 0, 1 after a failure, 130 after Ctrl-C."""
+    arguments = _arguments()
+    program = load_program(arguments.program)
+    # ROS's wheels start Python anew when they are first imported: before anything is done.
+    story_module = (
+        None if arguments.rigid else importlib.import_module("cabols_sim.ros.demo_session")
+    )
+    output = arguments.output
+    bag = output / "bag"
+    shutil.rmtree(output, ignore_errors=True)
+    output.mkdir(parents=True)
+    devices = "" if arguments.rigid else ", robot and laser tracker"
+    print(
+        f"cabols demo: {program.name} on the simulated eight-cable rig{devices}, "
+        f"{arguments.speed:g} of real time, 1 kHz",
+        flush=True,
+    )
+    environment = isolated_environment()
+    asked = {} if arguments.plain else real_time_arguments()
+    values = {**_values(arguments, bag, program.name), **asked}
+    with Progress(program.duration) as progress:
+        story, on_start = None, None
+        if story_module is not None:
+            plan = story_module.StoryPlan(arguments.program, program.duration, arguments.speed)
+            domain = int(environment["ROS_DOMAIN_ID"])
+            story = story_module.Story(plan, domain, progress.step)
+            on_start = story.start
+        try:
+            ended = run_bench(values, progress.line, output / "log", environment, on_start)
+        finally:
+            if story is not None:
+                story.stop()
+    failure = _failure(ended, story, output / "log")
+    if failure:
+        print(f"error: {failure}; the bag is {bag}", file=sys.stderr)
+        return 1
+    if not ended.first and not (story is not None and story.done):
+        print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
+        return 130
+    return _report(output, bag)
+
+
+def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str, Any]:
+    """Arguments of the graph."""
+    values = {
+        "output": str(bag),
+        "description": f"{program}, scale 1, simulated rig, seed {arguments.seed}",
+        "seed": arguments.seed,
+        "linear": arguments.linear,
+        "speed": arguments.speed,
+        **forgiving(arguments.speed),
+    }
+    if arguments.rigid:
+        return {
+            **values,
+            "program": arguments.program,
+            "auto_start": True,
+            "exit_when_done": True,
+        }
+    return {**values, "robot": True}
+
+
+def _failure(ended: Ended, story: Any, log: Path) -> str:
+    """What went wrong; empty if nothing did, or Ctrl-C came."""
+    if story is not None and story.error is not None:
+        return str(story.error)
+    expected = ended.first == "load_program" and ended.code == 0 and story is None
+    if ended.first and not expected:
+        return (
+            f"{ended.first} ended with code {ended.code}; its output is "
+            f"{log / (ended.first + '.log')}"
+        )
+    return ""
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="demo",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--output", type=Path, default=Path("build/demo"), help="folder to fill")
+    parser.add_argument(
+        "--program",
+        default="multi_axis",
+        help=f"{', '.join(sorted(BUILT_IN))} or a .csv file (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the simulated rig's noise")
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=1.0,
+        help="below 1 the rig moves in slow motion, while programmes keep the wall's time",
+    )
+    parser.add_argument(
+        "--rigid",
+        action="store_true",
+        help="only pre-tighten and load, on a target that never moves: no robot, no tracker",
+    )
+    parser.add_argument("--linear", action="store_true", help="simulate the linear plant")
+    parser.add_argument(
+        "--plain",
+        action="store_true",
+        help="ask the kernel for nothing: no cores, no SCHED_FIFO, no limit on wake-up times",
+    )
+    return parser.parse_args()
+
+
+def _report(output: Path, bag: Path) -> int:
+    """Analyse the bag alone; print, plot, write."""
+    from cabols_control.run_report.figures import write_figures
+    from cabols_control.run_report.figures_of_merit import load_run, summarise, table
+    from cabols_control.run_report.report import write_report
+    from cabols_sim.reproductions import run_all
+
+    print("analysing the bag", flush=True)
+    run = load_run(bag)
+    summary = summarise(run, load_rig())
+    print(table(summary))
+    (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    print("figures, reproductions of the source's results, report", flush=True)
+    write_figures(run, output, summary)
+    reproductions = run_all(output / "reproductions")
+    write_report(output / "report.html", run, summary, reproductions)
+    for name in ("summary.json", "overview.png", "story.png", "report.html"):
+        if (output / name).exists():
+            print(f"  {output / name}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

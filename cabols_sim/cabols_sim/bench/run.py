@@ -1,0 +1,132 @@
+"""Run the simulated bench as processes, as the demo, the benchmarks and the tests do."""
+
+from __future__ import annotations
+
+import os
+import random
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cabols_control.bringup.graph import (
+    ONE_BLAS_THREAD,
+    NodeSpec,
+    Ports,
+    bench_graph,
+    with_arguments,
+)
+from cabols_control.bringup.processes import Ended, run
+from cabols_control.realtime.scheduling import may_limit_wake_up, may_use_fifo
+
+SAFE_DOMAINS = (1, 101)
+"""Domain ids whose ports do not reach into Linux' ephemeral range."""
+
+
+def isolated_environment() -> dict[str, str]:
+    """Return variables that keep a run on this machine, in a DDS domain of its own.
+
+    A ROS_DOMAIN_ID that is already set is kept: then other tools can watch.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID") or str(random.SystemRandom().randint(*SAFE_DOMAINS))
+    return {
+        "ROS_DOMAIN_ID": domain,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        **ONE_BLAS_THREAD,
+    }
+
+
+def ports_of(domain: int) -> Ports:
+    """Return ports of the simulated devices that runs in other DDS domains do not use.
+
+    A domain has 250 ports, of which DDS needs the first few dozen.
+    """
+    first = 7400 + 250 * domain + 200
+    return Ports(first, first + 1, first + 2, first + 3)
+
+
+FIFO_PRIORITY = 50
+
+
+def real_time_arguments() -> dict[str, int]:
+    """Return arguments for the least delay between bridge and limb controller that is to be had.
+
+    Each on a core of its own that does not fall asleep, and before other work, as far as the
+    kernel lets this process ask for it (root may; see docs/installing.md).
+    """
+    found: dict[str, int] = {}
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) > 1:
+        found.update(cpu=cores[0], other_cpu=cores[1])
+    if may_use_fifo():
+        found.update(fifo_priority=FIFO_PRIORITY)
+    if may_limit_wake_up():
+        found.update(cpu_latency_us=0)
+    return found
+
+
+def forgiving(speed: float = 1.0, stall_s: float = 0.1) -> dict[str, float]:
+    """Return arguments for a computer that stalls now and then, for so long in the rig's time.
+
+    A desktop's kernel may stall for longer than a rig's watchdogs allow; a rig's own values stay
+    in its configuration files.
+    """
+    return {
+        "watchdog": stall_s,
+        "command_timeout": stall_s,
+        # These two count on the computer's clock.
+        "stale_after": 2.0 * stall_s / speed,
+        "state_timeout": 5.0 * stall_s / speed,
+    }
+
+
+def run_bench(
+    values: dict[str, Any],
+    on_line: Callable[[str, str], None] | None = None,
+    log_folder: Path | None = None,
+    environment: dict[str, str] | None = None,
+    on_start: Callable[[dict[str, int]], None] | None = None,
+    keep_going: bool = False,
+    respawn_s: float | None = None,
+    tools: Sequence[NodeSpec] = (),
+) -> Ended:
+    """Run the bench until one node ends, or Ctrl-C.
+
+    Args:
+        values: arguments by name, see cabols_control.bringup.graph.ARGUMENTS; without `robot`
+            the target is rigid.
+        on_line: called with (node, line) of output; default prints.
+        log_folder: for each node's output.
+        environment: default isolated_environment().
+        on_start: called with the process ids by node.
+        keep_going: run on when a node ends.
+        respawn_s: start a node again so long after it has ended; None: never [s].
+        tools: started after the graph; all ends with the first of them.
+
+    Returns:
+        How it ended.
+    """
+    where = environment or isolated_environment()
+    graph = bench_graph(
+        values.get("lockstep", False),
+        values.get("record", True),
+        values.get("robot", False),
+        ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
+        values.get("campaign", False),
+        values.get("console", False),
+    )
+    nodes = [*with_arguments(graph, values), *tools]
+    with _on_core(values.get("other_cpu", -1)):
+        return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s)
+
+
+@contextmanager
+def _on_core(core: int) -> Iterator[None]:
+    """Keep this thread, and those that it starts, off the control path's core; -1: anywhere."""
+    before = os.sched_getaffinity(0)
+    if core >= 0:
+        os.sched_setaffinity(0, {core})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)

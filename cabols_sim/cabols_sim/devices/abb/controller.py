@@ -1,0 +1,74 @@
+"""The simulated controller: program, EGM and RWS on the newest truth of the plant."""
+
+from __future__ import annotations
+
+import threading
+
+from cabols_hw.abb.configurations import RobotConfigurations
+from cabols_sim.devices.abb.egm_server import DEFAULT_EGM_PORT, EgmServer
+from cabols_sim.devices.abb.rapid import RapidProgram
+from cabols_sim.devices.abb.rws_server import RwsServer
+from cabols_sim.devices.link import DeviceLink
+from cabols_sim.devices.robot.kinematics import Arm
+
+WAIT_S = 0.1
+USER, PASSWORD = "Default User", "robotics"
+"""ABB's own defaults."""
+
+
+class AbbController:
+    """Everything of the robot that the rig's computer can talk to.
+
+    Attributes:
+        program: RAPID, motors, operation mode.
+        egm: the position stream.
+        rws: the HTTP server; its port is rws.port.
+    """
+
+    def __init__(
+        self,
+        link: DeviceLink,
+        configurations: RobotConfigurations,
+        egm_port: int = DEFAULT_EGM_PORT,
+        rws_port: int = 0,
+        user: str = USER,
+        password: str = PASSWORD,
+        seed: int = 0,
+    ) -> None:
+        """Prepare; start() begins.
+
+        Raises:
+            RwsServerError: if the port is taken.
+        """
+        self._link = link
+        self.program = RapidProgram(link, len(configurations))
+        tool = Arm(
+            tool_position=configurations.tool_position, tool_rotation=configurations.tool_rotation
+        )
+        self.egm = EgmServer(self.program, tool, egm_port, seed=seed)
+        self.rws = RwsServer(self.program, user, password, rws_port)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="abb", daemon=True)
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self.rws.start()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, within a second."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=1.0)
+        self.rws.stop()
+        self.egm.close()
+
+    def _run(self) -> None:
+        sequence = 0
+        while not self._stop.is_set():
+            truth = self._link.wait(sequence, WAIT_S)
+            if truth is None:
+                continue
+            sequence = int(truth["sequence"])
+            self.program.step(truth)
+            self.egm.on_truth(truth)

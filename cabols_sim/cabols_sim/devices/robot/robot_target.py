@@ -1,0 +1,188 @@
+"""The robot that holds the platform: a Target that moves and gives way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.configuration import load_config, packaged
+from cabols_hw.abb.configurations import RobotConfigurations, load_configurations
+from cabols_sim.devices.robot.flexible import deflect_into
+from cabols_sim.devices.robot.kinematics import Arm, kinematics_into
+from cabols_sim.devices.robot.robot_config import RobotConfig
+from cabols_sim.devices.robot.trajectory import Motion, duration_s
+
+NOWHERE = -1
+"""Target index of a robot that stands, or moves, at no stored configuration."""
+
+STILL_RAD = 1e-12
+"""Joints that change by less leave the pose as it is: the cables need not be placed anew."""
+
+
+@njit(cache=True)
+def _settle_into(
+    encoders: FloatArray,
+    wrench: FloatArray,
+    share: float,
+    frames: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    tables: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    slip: FloatArray,
+    deflection: FloatArray,
+    placed: FloatArray,
+    position: FloatArray,
+    rotation: FloatArray,
+    jacobian: FloatArray,
+) -> bool:
+    """Deflect the joints and place the platform; return whether it has moved."""
+    linear, cubic, stiffness, friction = tables
+    deflect_into(jacobian, wrench, share, linear, cubic, stiffness, friction, slip, deflection)
+    moved = 0.0
+    for j in range(6):
+        moved = max(moved, abs(encoders[j] + deflection[j] - placed[j]))
+    if moved < STILL_RAD:
+        return False
+    for j in range(6):
+        placed[j] = encoders[j] + deflection[j]
+    kinematics_into(
+        placed, frames[0], frames[1], frames[2], frames[3], position, rotation, jacobian
+    )
+    return True
+
+
+class RobotTarget:
+    """Flexible-joint robot with stored configurations; encoders do not see the deflection.
+
+    Attributes:
+        position: (3,) true platform origin, {0} [m].
+        rotation: (3, 3) true, from platform to {0} axes.
+        encoders: (6,) angles on the motors' side [rad].
+        joint_speed: (6,) of the encoders [rad/s].
+        joints: (6,) true angles, encoders plus deflection [rad].
+        jacobian: (6, 6) at the platform's origin, true joints.
+        target_index: configuration that it stands at or moves to; NOWHERE after a stop.
+        disabled: True holds it still and refuses motions (its own emergency stop).
+        arm: its kinematics.
+    """
+
+    def __init__(
+        self,
+        config: RobotConfig | None = None,
+        configurations: RobotConfigurations | None = None,
+    ) -> None:
+        """Stand unloaded at configuration 0; None stands for the bench's.
+
+        Raises:
+            ConfigError: if the bench's files cannot be used.
+        """
+        config = config or load_config(RobotConfig, packaged("cabols_sim", "bench_robot.yaml"))
+        self._config = config
+        self._configurations = configurations or load_configurations()
+        angles = config.base_rotation_xyz_deg
+        self.arm = Arm(
+            config.base_position,
+            Rotation.from_euler("XYZ", angles, degrees=True).as_matrix(),
+            self._configurations.tool_position,
+            self._configurations.tool_rotation,
+        )
+        self._flexible = config.joints()
+        self.encoders = self._configurations.joints(0)
+        self.joint_speed = np.zeros(6)
+        self.joints = self.encoders.copy()
+        self.position, self.rotation, self.jacobian = self.arm.solve(self.joints)
+        self.target_index = 0
+        self.disabled = False
+        self._motion: Motion | None = None
+        self._frames = self.arm.frames
+        self._tables = self._flexible.tables
+        # Compile, or load, what a step calls: on the first sample it would be seconds late.
+        self.step(np.zeros(6), 1e-3)
+
+    @property
+    def moving(self) -> bool:
+        """Whether a motion is under way."""
+        return self._motion is not None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether it stands at configuration target_index."""
+        return self._motion is None and self.target_index != NOWHERE
+
+    @property
+    def deflection(self) -> FloatArray:
+        """(6,) of the joints [rad]."""
+        return self._flexible.deflection.copy()
+
+    @property
+    def platform_speed(self) -> float:
+        """Speed of the platform's origin by the joints' motion [m/s]."""
+        if self._motion is None:
+            return 0.0
+        return float(np.linalg.norm(self.jacobian[:3] @ self.joint_speed))
+
+    def move_to(self, goal: int | FloatArray, speed_scale: float = 1.0) -> bool:
+        """Begin a motion from where it stands.
+
+        Args:
+            goal: index of a stored configuration, or (6,) angles [rad].
+            speed_scale: of the platform's speed limit, over 0 to 1.
+
+        Returns:
+            False if a motion is under way or the robot is disabled: nothing was begun.
+
+        Raises:
+            CabolsError: if there is no such configuration or the scale is none.
+        """
+        by_index = isinstance(goal, (int, np.integer))
+        joints = (
+            self._configurations.joints(int(goal)) if by_index else finite_array("goal", goal, (6,))
+        )
+        speed = self._config.speed * in_range("speed_scale", speed_scale, 0.01, 1.0)
+        if self.moving or self.disabled:
+            return False
+        config = self._config
+        time_s = duration_s(
+            self.arm, self.encoders, joints, speed, config.joint_speed, config.joint_acceleration
+        )
+        self.target_index = int(goal) if by_index else NOWHERE
+        if time_s > 0.0:
+            self._motion = Motion(self.encoders, joints, time_s, config.brake)
+        return True
+
+    def stop(self) -> None:
+        """Brake along the path; it then stands nowhere in particular."""
+        if self._motion is not None:
+            self._motion.stop()
+
+    def step(self, wrench: FloatArray, dt_s: float) -> bool:
+        """Advance under the (6,) cable wrench (base axes); return whether the pose has changed."""
+        if self._motion is not None:
+            self._move(dt_s)
+        share = 1.0 - np.exp(-dt_s / self._flexible.lag_s)
+        moved: bool = _settle_into(
+            self.encoders,
+            wrench,
+            share,
+            self._frames,
+            self._tables,
+            self._flexible.slip,
+            self._flexible.deflection,
+            self.joints,
+            self.position,
+            self.rotation,
+            self.jacobian,
+        )
+        return moved
+
+    def _move(self, dt_s: float) -> None:
+        motion = self._motion
+        assert motion is not None
+        if self.disabled:
+            motion.stop()
+        motion.advance_into(dt_s, self.encoders, self.joint_speed)
+        if motion.finished:
+            # In this order: who reads in another thread must not take a stop for an arrival.
+            if not motion.arrived:
+                self.target_index = NOWHERE
+            self._motion = None

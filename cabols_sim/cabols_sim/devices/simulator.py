@@ -1,0 +1,96 @@
+"""Executable device_simulator: ABB controller and laser tracker, in a process of their own.
+
+Their Python threads would disturb the plant's loop; they get its truth over a loopback link.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+
+from cabols_control.errors import CabolsError
+from cabols_control.realtime.scheduling import Scheduling, apply_scheduling
+from cabols_hw.abb.configurations import load_configurations
+from cabols_sim.devices.abb.controller import PASSWORD, USER, AbbController
+from cabols_sim.devices.abb.egm_server import DEFAULT_EGM_PORT
+from cabols_sim.devices.link import DEFAULT_LINK_PORT, DeviceLink
+from cabols_sim.devices.tracker.config import load_tracker_truth
+from cabols_sim.devices.tracker.server import TrackerServer
+
+DEFAULT_RWS_PORT = 6580
+DEFAULT_TRACKER_PORT = 6590
+
+
+def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="device_simulator", description=__doc__)
+    add = parser.add_argument
+    add("--link-port", type=int, default=DEFAULT_LINK_PORT, help="UDP port of the plant")
+    add("--egm-port", type=int, default=DEFAULT_EGM_PORT, help="UDP port that EGM is sent to")
+    add("--rws-port", type=int, default=DEFAULT_RWS_PORT, help="TCP port of RWS; 0: any")
+    add("--tracker-port", type=int, default=DEFAULT_TRACKER_PORT, help="0: any")
+    add("--no-tracker", action="store_true", help="robot only")
+    add("--configurations", default="", help="YAML of the stored configurations; empty: bench")
+    add("--tracker-file", default="", help="YAML of the simulated tracker; empty: bench")
+    add("--user", default=USER, help="of RWS")
+    add("--password", default=PASSWORD, help="of RWS")
+    add("--cpu", type=int, default=-1, help="core to run on; -1: any")
+    add("--fifo_priority", type=int, default=0, help="SCHED_FIFO priority; 0: none")
+    add("--seed", type=int, default=0, help="of lost packets")
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    # `ros2 launch` adds arguments for a node, which this is not.
+    return parser.parse_args(given[: given.index("--ros-args")] if "--ros-args" in given else given)
+
+
+def _tracker(link: DeviceLink, options: argparse.Namespace) -> TrackerServer | None:
+    """Return the tracker's server, or None where it is not wanted."""
+    if options.no_tracker:
+        return None
+    return TrackerServer(
+        link, load_tracker_truth(options.tracker_file or None), options.tracker_port
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve until SIGINT or SIGTERM."""
+    options = _arguments(arguments)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    link = DeviceLink(options.link_port)
+    try:
+        controller = AbbController(
+            link,
+            load_configurations(options.configurations),
+            options.egm_port,
+            options.rws_port,
+            options.user,
+            options.password,
+            options.seed,
+        )
+        tracker = _tracker(link, options)
+    except CabolsError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    link.start()
+    controller.start()
+    ports = {"link": options.link_port, "egm": options.egm_port, "rws": controller.rws.port}
+    if tracker is not None:
+        ports["tracker"] = tracker.start()
+    # Not before: the start takes a second of a core, which nodes that run already need.
+    scheduling = Scheduling(fifo_priority=options.fifo_priority, cpu=options.cpu)
+    apply_scheduling(scheduling, lambda text: print(f"warning: {text}", file=sys.stderr))
+    print("ready " + json.dumps(ports), flush=True)
+    ended.wait()
+    if tracker is not None:
+        tracker.stop()
+    controller.stop()
+    link.stop()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Physics of the simulated rig behind a simulated card."""

@@ -1,0 +1,278 @@
+"""The whole closed loop in one process, compiled: the same laws and physics as the nodes run.
+
+It starts where pre-tightening ends and does what bridge, limb controller and wrench controller do
+with each sample, without messages between them. Used for reproductions, design and Monte Carlo.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from cabols_control.checks import FloatArray, IntArray, finite_array
+from cabols_control.kinematics import cable_lengths, structure_matrix
+from cabols_control.limb_control.law import gain_matrix, limb_law_into
+from cabols_control.rig import Rig
+from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size, set_method
+from cabols_control.tension.kernels.work_array import SHARE
+from cabols_control.wrench_control.law import wrench_law_into
+from cabols_hw.bridge.scaling import quantise, wrench_into
+from cabols_hw.card.config import CardConfig
+from cabols_sim.dynamics.vibration import VibrationModel
+from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.limb_physics import cable_wrench, limb_step
+from cabols_sim.plant.vibrating_platform import (
+    Platform,
+    make_platform,
+    move_platform,
+    subtract_inertia,
+)
+
+PERIOD_S = 0.001
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What happened at each of k samples.
+
+    Attributes:
+        time: (k,) [s].
+        desired: (k, 6) [N, N m].
+        wrench: (k, 6) true at the sensor, base axes at the platform's origin [N, N m].
+        measured: (k, 6) by the force/torque sensor [N, N m].
+        tension: (k, n) true [N].
+        tension_estimate: (k, n) as the limb law sees it [N].
+        tension_command: (k, n) [N].
+        current: (k, n) [A].
+        status: (k,) of redundancy resolution, 0 feasible.
+    """
+
+    time: FloatArray
+    desired: FloatArray
+    wrench: FloatArray
+    measured: FloatArray
+    tension: FloatArray
+    tension_estimate: FloatArray
+    tension_command: FloatArray
+    current: FloatArray
+    status: IntArray
+
+
+class _Limbs(NamedTuple):
+    table: FloatArray
+    state: FloatArray
+    rest: FloatArray
+    length: FloatArray
+    tension: FloatArray
+    substeps: int
+
+
+class _Sensors(NamedTuple):
+    calibration: FloatArray
+    gauges: FloatArray
+    bias: FloatArray
+    noise: FloatArray
+    counts_per_metre: float
+    adc_step: float
+    dac_step: float
+    amperes_per_volt: float
+
+
+class _Control(NamedTuple):
+    matrix: FloatArray
+    pack: FloatArray
+    proportional: float
+    integral: float
+    gains: FloatArray
+    tension_gain: FloatArray
+    stiffness: float
+    zero: FloatArray
+    current_limit: float
+    fade: float
+
+
+class _Record(NamedTuple):
+    wrench: FloatArray
+    measured: FloatArray
+    tension: FloatArray
+    estimate: FloatArray
+    command: FloatArray
+    current: FloatArray
+    status: IntArray
+
+
+@njit(cache=True)
+def _run(
+    limbs: _Limbs,
+    sensors: _Sensors,
+    control: _Control,
+    platform: Platform,
+    desired: FloatArray,
+    record: _Record,
+) -> None:
+    n = limbs.table.shape[0]
+    true, measured = np.zeros(6), np.zeros(6)
+    volts, tared = np.zeros(6), np.zeros(6)
+    accumulated, u, residual = np.zeros(6), np.zeros(6), np.zeros(6)
+    command, reference, elongation = np.zeros(n), np.zeros(n), np.zeros(n)
+    current = np.zeros(n)
+    law = np.zeros((n, 2))
+    first, change, swing, at_rest = np.zeros(6), np.zeros(6), np.zeros(12), limbs.length.copy()
+    cable_wrench(control.matrix, limbs.tension, first)
+    dt_s = PERIOD_S / limbs.substeps
+    for k in range(desired.shape[0]):
+        # What the bridge does: encoders to elongation, gauges to wrench.
+        for i in range(n):
+            counts = limbs.state[i, 0] * sensors.counts_per_metre
+            if sensors.adc_step > 0.0:
+                counts = np.floor(counts)
+            elongation[i] = counts / sensors.counts_per_metre - control.zero[i]
+        cable_wrench(control.matrix, limbs.tension, true)
+        if platform.active:
+            change[:] = true - first
+            subtract_inertia(platform, change, swing, true)
+        for row in range(6):
+            volt = sensors.bias[row] + sensors.noise[k, row]
+            for column in range(6):
+                volt += sensors.gauges[row, column] * true[column]
+            volts[row] = quantise(volt, sensors.adc_step, 10.0)
+        wrench_into(sensors.calibration, volts, sensors.bias, 10.0, measured)
+        if k == 0:
+            law[:, 1] = elongation
+            for row in range(6):
+                tared[row] = measured[row] - control.proportional * (
+                    desired[0, row] - measured[row]
+                )
+            accumulated[:] = tared
+        # What the controllers do.
+        control.pack[SHARE] = min((k + 1) * PERIOD_S / control.fade, 1.0)
+        record.status[k] = wrench_law_into(
+            control.proportional,
+            control.integral,
+            desired[k],
+            measured,
+            PERIOD_S,
+            control.pack,
+            accumulated,
+            u,
+            command,
+            residual,
+        )
+        for i in range(n):
+            estimate = control.stiffness * elongation[i]
+            record.estimate[k, i] = estimate
+            reference[i] = control.tension_gain[i] * (command[i] - estimate)
+        limb_law_into(
+            control.gains, control.current_limit, reference, elongation, PERIOD_S, law, current
+        )
+        record.wrench[k], record.measured[k] = true, measured
+        record.tension[k], record.command[k], record.current[k] = limbs.tension, command, current
+        # What the amplifiers and the limbs do until the next sample.
+        for i in range(n):
+            volt = quantise(current[i] / sensors.amperes_per_volt, sensors.dac_step, 10.0)
+            current[i] = volt * sensors.amperes_per_volt
+        for _ in range(limbs.substeps):
+            limb_step(
+                limbs.table, limbs.state, current, limbs.rest, limbs.length, dt_s, limbs.tension
+            )
+            if platform.active:
+                cable_wrench(control.matrix, limbs.tension, change)
+                change -= first
+                move_platform(platform, change, control.matrix, at_rest, swing, limbs.length)
+
+
+def simulate(
+    rig: Rig,
+    card: CardConfig,
+    plant: PlantConfig,
+    desired: FloatArray,
+    seed: int = 0,
+    start_tension: float = 6.0,
+    vibration: VibrationModel | None = None,
+) -> Trace:
+    """Run the closed loop at the reference pose.
+
+    Args:
+        rig: geometry, limbs as identified, control design.
+        card: scaling of the card.
+        plant: true physics.
+        desired: (k, 6) wrench on the platform at its origin, base axes, one row per millisecond.
+        seed: of the sensor's noise and bias.
+        start_tension: of every limb at the first sample [N].
+        vibration: platform and target as a vibrating body; None: a rigid target.
+
+    Returns:
+        What happened.
+    """
+    wanted = finite_array("desired", desired, (None, 6))
+    samples, n = wanted.shape[0], rig.geometry.cables
+    pose = (rig.geometry.reference_position, rig.geometry.reference_rotation)
+    record = _Record(
+        wrench=np.zeros((samples, 6)),
+        measured=np.zeros((samples, 6)),
+        tension=np.zeros((samples, n)),
+        estimate=np.zeros((samples, n)),
+        command=np.zeros((samples, n)),
+        current=np.zeros((samples, n)),
+        status=np.zeros(samples, dtype=np.int64),
+    )
+    limbs = _limbs_at(rig, plant, start_tension)
+    zero = limbs.state[:, 0] - start_tension / rig.limbs.stiffness
+    control = _control(rig, structure_matrix(rig.geometry, *pose), zero)
+    platform = make_platform(vibration, PERIOD_S / plant.substeps)
+    _run(limbs, _sensors(card, plant, samples, seed), control, platform, wanted, record)
+    return Trace(np.arange(samples, dtype=np.float64) * PERIOD_S, wanted, *record)
+
+
+def _limbs_at(rig: Rig, plant: PlantConfig, tension: float) -> _Limbs:
+    """Limbs at rest with a tension."""
+    pose = (rig.geometry.reference_position, rig.geometry.reference_rotation)
+    length = cable_lengths(rig.geometry, *pose)
+    table = plant.limbs.table
+    cable = table[:, 8] + table[:, 9] * length
+    stretch = tension * cable + np.maximum(tension - table[:, 7], 0.0) * table[:, 6]
+    n = length.size
+    state = np.zeros((n, 3))
+    # In pre-tightening the motor winds in, so it stands half the backlash ahead of the pulley.
+    state[:, 0] = 0.5 * table[:, 5]
+    return _Limbs(table, state, length - stretch, length, np.full(n, tension), plant.substeps)
+
+
+def _sensors(card: CardConfig, plant: PlantConfig, samples: int, seed: int) -> _Sensors:
+    random = np.random.default_rng(seed)
+    config = plant.sensors
+    noise = config.gauge_noise * random.standard_normal((samples, 6))
+    bias = random.uniform(-config.gauge_bias, config.gauge_bias, 6)
+    return _Sensors(
+        card.platform_matrix,
+        np.asarray(np.linalg.inv(card.platform_matrix), dtype=np.float64),
+        bias,
+        noise,
+        card.counts_per_metre,
+        config.adc_step,
+        config.dac_step,
+        card.amperes_per_volt,
+    )
+
+
+def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
+    n = rig.geometry.cables
+    pack = np.zeros(pack_size(n))
+    limits = (np.full(n, rig.control.tension_min), np.full(n, rig.control.tension_max))
+    pack_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), pack)
+    set_method(pack, n, rig.control.tension_method, rig.control.tension_exponent, share=0.0)
+    return _Control(
+        matrix,
+        pack,
+        rig.gains.proportional,
+        rig.gains.integral,
+        gain_matrix(rig.gains.limbs),
+        np.array([gains.tension for gains in rig.gains.limbs]),
+        rig.limbs.stiffness,
+        zero,
+        rig.control.current_limit,
+        rig.control.tension_fade,
+    )

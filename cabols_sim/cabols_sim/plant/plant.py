@@ -1,0 +1,241 @@
+"""The simulated rig between amplifiers and sensors; pure, advanced by whoever owns the clock."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
+from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_control.rig import Rig
+from cabols_hw.bridge.scaling import quantise
+from cabols_hw.card.config import ENCODER_MODULUS, CardConfig
+from cabols_sim.faults import PlantFaults
+from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.limb_physics import advance_limbs, cable_wrench
+from cabols_sim.plant.target import RigidTarget, Target
+
+AMPLIFIER_LIMIT_A = 3.82
+PARTED_M = 10.0
+"""A parted cable is so much too long."""
+
+
+@njit(cache=True)
+def _amplify_into(volts: FloatArray, step: float, gain: float, current: FloatArray) -> None:
+    """DAC steps, then the amplifiers' gain and limit."""
+    for i in range(current.shape[0]):
+        wanted = quantise(volts[i], step, 10.0) * gain
+        current[i] = min(max(wanted, -AMPLIFIER_LIMIT_A), AMPLIFIER_LIMIT_A)
+
+
+@njit(cache=True)
+def _sense_into(
+    state: FloatArray,
+    counts_per_metre: float,
+    tension: FloatArray,
+    threshold: float,
+    hysteresis: float,
+    active_low: bool,
+    wrench: FloatArray,
+    weight: FloatArray,
+    centre: FloatArray,
+    rotation: FloatArray,
+    matrix: FloatArray,
+    bias: FloatArray,
+    noise: FloatArray,
+    deviation: float,
+    step: float,
+    closed: BoolArray,
+    counts: IntArray,
+    volts: FloatArray,
+    lines: BoolArray,
+) -> None:
+    """Encoder counts (n,), gauge voltages (6,) and line levels (n,) of the present state."""
+    half = ENCODER_MODULUS // 2
+    for i in range(tension.shape[0]):
+        whole = int(np.floor(state[i, 0] * counts_per_metre))
+        counts[i] = (whole + half) % ENCODER_MODULUS - half
+        closed[i] = tension[i] >= threshold - (hysteresis if closed[i] else 0.0)
+        lines[i] = closed[i] != active_low
+    turned, pull = np.zeros(6), np.zeros(3)
+    for axis in range(3):
+        for k in range(3):
+            turned[axis] += rotation[k, axis] * (wrench[k] + weight[k])
+            turned[3 + axis] += rotation[k, axis] * wrench[3 + k]
+            pull[axis] += rotation[k, axis] * weight[k]
+    turned[3] += centre[1] * pull[2] - centre[2] * pull[1]
+    turned[4] += centre[2] * pull[0] - centre[0] * pull[2]
+    turned[5] += centre[0] * pull[1] - centre[1] * pull[0]
+    for row in range(6):
+        volt = bias[row] + deviation * noise[row]
+        for k in range(6):
+            volt += matrix[row, k] * turned[k]
+        volts[row] = quantise(volt, step, 10.0)
+
+
+class Plant:
+    """Eight limbs (or n), a target, a force/torque sensor and limit switches.
+
+    Attributes:
+        tension: (n,) true tensions [N].
+        wrench: (6,) true wrench of the cables on the platform, base axes [N, N m].
+        target: what holds the platform.
+        faults: what is made to go wrong.
+        enabled: whether the amplifiers are on.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        card: CardConfig,
+        config: PlantConfig,
+        seed: int = 0,
+        target: Target | None = None,
+    ) -> None:
+        """Start at rest with slack cables.
+
+        Args:
+            rig: geometry (and switch positions).
+            card: wiring, to turn physics into volts and counts.
+            config: true parameters.
+            seed: of slack, sensor bias and noise.
+            target: what holds the platform; None for a rigid one.
+        """
+        self._geometry = rig.geometry
+        self._card = card
+        self._config = config
+        self._random = np.random.default_rng(seed)
+        n = rig.geometry.cables
+        self._table = config.limbs.table
+        self._state = np.zeros((n, 3))
+        self._current = np.zeros(n)
+        self._motor_current = self._current
+        self._length = np.zeros(n)
+        self._matrix = np.zeros((6, n))
+        self._closed: BoolArray = np.zeros(n, dtype=np.bool_)
+        self._gauge_matrix = np.asarray(np.linalg.inv(card.platform_matrix), dtype=np.float64)
+        self.tension = np.zeros(n)
+        self.wrench = np.zeros(6)
+        self.faults = PlantFaults(n)
+        self.enabled = True
+        self._parted = np.zeros(n, dtype=np.bool_)
+        self._time = 0.0
+        self.target: Target = target if target is not None else RigidTarget(rig.geometry)
+        self._place()
+        slack = config.limbs.initial_slack + config.limbs.slack_spread * self._random.random(n)
+        self._rest = self._length + slack
+        bias = config.sensors.gauge_bias
+        self._bias = self._random.uniform(-bias, bias, 6) if bias > 0.0 else np.zeros(6)
+        self._weight = np.array([0.0, 0.0, -config.sensors.tool_weight])
+        self._centre = np.array(config.sensors.tool_centre_of_mass)
+        self._noise = np.zeros(6)
+
+    def _place(self) -> None:
+        points = (self._geometry.base_points, self._geometry.platform_points)
+        pose = (self.target.position, self.target.rotation)
+        cable_lengths_into(*points, *pose, self._length)
+        structure_matrix_into(*points, *pose, self._matrix)
+
+    def drive(self, volts: FloatArray) -> None:
+        """Set the (n,) amplifier inputs [V], through the DAC's steps."""
+        step, gain = self._config.sensors.dac_step, self._card.amperes_per_volt
+        _amplify_into(volts, step, gain, self._current)
+
+    def advance(self, duration_s: float) -> None:
+        """Let time pass with the present currents."""
+        if not duration_s > 0.0:
+            return
+        self._time += duration_s
+        steps = max(1, round(1000.0 * self._config.substeps * duration_s))
+        dt_s = duration_s / steps
+        ordinary = self.enabled and not self.faults.any
+        self._motor_current = self._current if ordinary else self._distorted_current()
+        advance_limbs(
+            self._table,
+            self._state,
+            self._motor_current,
+            self._rest,
+            self._length,
+            dt_s,
+            steps,
+            self.tension,
+        )
+        cable_wrench(self._matrix, self.tension, self.wrench)
+        moved = self.target.step(self.wrench, duration_s)
+        rigid = isinstance(self.target, RigidTarget)
+        if rigid and self.faults.any and self.faults.has("platform_runs"):
+            self.target.position[0] += self.faults.value("platform_runs") * duration_s
+            moved = True
+        if moved:
+            self._place()
+
+    def inject(self, kind: str, limb: int = -1, value: float = 0.0, duration_s: float = 0.0) -> str:
+        """Let something go wrong from now on, or mend it; see PlantFaults.inject."""
+        said = self.faults.inject(kind, limb, value, duration_s, self._time)
+        self._part(self.faults.limbs_with("cable_break"))
+        return said
+
+    def _part(self, limbs: list[int]) -> None:
+        """Part the cables of some limbs; splice the others that had parted."""
+        for i in range(self.tension.size):
+            if (i in limbs) != self._parted[i]:
+                self._rest[i] += PARTED_M if i in limbs else -PARTED_M
+                self._parted[i] = i in limbs
+
+    def _distorted_current(self) -> FloatArray:
+        self.faults.pass_time(self._time)
+        self._part(self.faults.limbs_with("cable_break"))
+        current = self._current.copy()
+        self.faults.distort_current(current)
+        if not self.enabled:
+            current[:] = 0.0
+        for i in self.faults.limbs_with("motor_jam"):
+            current[i] = self._state[i, 1] = 0.0
+        return current
+
+    def sense(self) -> tuple[IntArray, FloatArray, BoolArray]:
+        """Read all sensors once.
+
+        Returns:
+            (n,) raw 24-bit counts of the motors, (6,) gauge voltages (calibration, weight, bias,
+            noise, ADC steps), (n,) levels of the limit switches' lines.
+        """
+        sensors, card, n = self._config.sensors, self._card, self.tension.size
+        counts, volts = np.empty(n, dtype=np.int64), np.empty(6)
+        lines = np.empty(n, dtype=np.bool_)
+        self._random.standard_normal(out=self._noise)
+        _sense_into(
+            self._state,
+            card.counts_per_metre,
+            self.tension,
+            sensors.switch_tension,
+            sensors.switch_hysteresis,
+            card.switch_active_low,
+            self.wrench,
+            self._weight,
+            self._centre,
+            self.target.rotation,
+            self._gauge_matrix,
+            self._bias,
+            self._noise,
+            sensors.gauge_noise,
+            sensors.adc_step,
+            self._closed,
+            counts,
+            volts,
+            lines,
+        )
+        if self.faults.any:
+            args = (self._time, card.counts_per_metre, counts, volts, lines)
+            self.faults.distort_senses(*args, card.switch_active_low)
+        return counts, volts, lines
+
+    @property
+    def motor_current(self) -> FloatArray:
+        """(n,) currents that the motors really get [A]."""
+        return self._motor_current
+
+    @property
+    def current(self) -> FloatArray:
+        """(n,) currents that the motors are asked for [A]."""
+        return self._current.copy()

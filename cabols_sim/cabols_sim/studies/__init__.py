@@ -1,0 +1,1 @@
+"""Studies by computation: dynamics, vibration, gains."""

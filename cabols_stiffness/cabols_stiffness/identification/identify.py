@@ -1,0 +1,213 @@
+"""Joint stiffness from samples: `identify`.
+
+Which errors are handled how. In the source's regression (4.17) the regressor is the measured
+deflection, so the tracker's noise sits in the matrix and pulls every stiffness down, the more the
+less a joint deflects (attenuation; joint 1 gives way by a few times the noise). Here the measured
+wrench is the regressor and the deflection the response. That is the errors-in-variables model with
+both errors kept: the maximum likelihood over the true wrenches, profiled to first order, weights
+the residual by C_m + G C_w G^T (see observations.py). The first order suffices because the wrench
+is known to about one part in ten thousand; a test compares with the full problem, true wrenches
+and all, solved by scipy. Total least squares on (4.17) would need the ratio of the two noises to
+be the same for all rows; instruments would throw away what the wrench's covariance tells.
+
+Intervals are Student's t on the compliance with the noise's size taken from the residuals, not
+from the stated covariances alone: they stay honest when tracker or sensor do worse than they say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.errors import CabolsError
+from cabols_stiffness.identification.gauss_newton import (
+    Fitted,
+    IdentificationError,
+    Model,
+    Parameters,
+    fit,
+)
+from cabols_stiffness.identification.hysteresis import FINER, REACHES, detect, has_branches
+from cabols_stiffness.identification.observations import (
+    DRIFT_SAMPLES,
+    Observations,
+    start_stiffness,
+)
+from cabols_stiffness.measurements.samples import PointSamples, Samples
+from cabols_stiffness.model.result import AS_PUBLISHED, LINEAR, MODELS, StiffnessResult
+from cabols_stiffness.model.robot import JOINTS, RobotModel
+
+WORST_RELATIVE = 0.2
+"""Relative standard deviation of a joint's stiffness above which it is not identified."""
+
+WORST_CUBIC = 0.1
+"""Standard deviation of the cubic torque at the joint's largest deflection, relative to the linear
+torque there, above which the cubic term is not identified."""
+
+CONFIDENCE = 0.95
+
+FRICTION_ROUNDS = 6
+"""Of detecting friction and fitting anew."""
+
+
+def identify(
+    samples: PointSamples | Samples,
+    robot: RobotModel,
+    model: str = LINEAR,
+    *,
+    start: StiffnessResult | None = None,
+    robust: bool = True,
+    hysteresis: bool = True,
+) -> StiffnessResult:
+    """Joint stiffness with its uncertainty from measured motions under measured wrenches.
+
+    Args:
+        samples: of one configuration, or of all pooled.
+        robot: with the tool that the samples are about.
+        model: "linear" and "cubic": exact balance J(q + d)^T w = A d^3 + B d, A zero or not;
+            "as_published": (4.15), for comparison; its cubic term is about a third of the true one.
+        start: an earlier result to begin from; None: a linear solution. It saves time only.
+        robust: whether to look for outliers.
+        hysteresis: whether to look for friction where there is an unloading branch; what is found
+            is estimated with the stiffness, so that it does not bend the elastic curve. Never
+            "as_published", which ignores it.
+
+    Returns:
+        The result; NaN for what the data cannot identify.
+
+    Raises:
+        CabolsError: if the model is unknown.
+        IdentificationError: if there are too few samples or too many outliers.
+    """
+    return estimate(
+        Observations(samples, robot), model, start=start, robust=robust, hysteresis=hysteresis
+    )[2]
+
+
+def estimate(
+    observations: Observations,
+    model: str,
+    *,
+    start: StiffnessResult | None = None,
+    robust: bool = True,
+    hysteresis: bool = True,
+) -> tuple[Fitted, Model, StiffnessResult]:
+    """As identify; returns the fit and what was estimated, too."""
+    if model not in MODELS:
+        raise CabolsError(f"model: expected one of {', '.join(MODELS)}, got {model!r}")
+    samples = observations.samples
+    _check_count(samples, model)
+    begin = _start(observations, model, start)
+    nothing = np.zeros(JOINTS, dtype=np.bool_)
+    wanted = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
+    found = fit(observations, wanted, begin, robust)
+    reach = np.zeros(JOINTS)
+    if hysteresis and model != AS_PUBLISHED and has_branches(samples):
+        found, wanted, reach = _with_friction(observations, wanted, found, robust)
+    return found, wanted, summarise(found, model, reach)
+
+
+def _start(observations: Observations, model: str, start: StiffnessResult | None) -> Parameters:
+    nothing = np.zeros(JOINTS)
+    if start is None:
+        return Parameters(1.0 / start_stiffness(observations), nothing, nothing)
+    cubic = start.parameters[JOINTS:].copy() if start.model == model else nothing
+    return Parameters(1.0 / start.parameters[:JOINTS], cubic, nothing)
+
+
+def _with_friction(
+    observations: Observations, model: Model, found: Fitted, robust: bool
+) -> tuple[Fitted, Model, FloatArray]:
+    reach, reaches = np.zeros(JOINTS), REACHES
+    for _ in range(FRICTION_ROUNDS):
+        before = reach
+        candidate, model = detect(observations, found, model, reaches)
+        reach = np.where(model.rubs, candidate, 0.0)
+        if model.slides is None and not before.any():
+            break
+        rubbing = np.where(model.rubs, found.parameters.friction, 0.0)
+        # What was left out so far may only have missed its friction: judged again at the end.
+        begin = replace(found.parameters, friction=rubbing)
+        found = fit(observations, model, begin, robust=False, use=found.use)
+        if np.allclose(reach, before, rtol=0.01, atol=0.0):
+            break
+        # Joints that do not rub yet may do so once the others' friction is known.
+        coarse = REACHES[np.linspace(0, len(REACHES) - 1, FINER.size).astype(int)]
+        reaches = np.where(reach > 0.0, FINER[:, None] * reach, coarse)
+    if robust and reach.any():
+        found = fit(observations, model, found.parameters, use=found.use)
+    return found, model, reach
+
+
+def _check_count(samples: PointSamples | Samples, model: str) -> None:
+    k = len(samples)
+    unknowns = JOINTS if model == LINEAR else 2 * JOINTS
+    if isinstance(samples, PointSamples):
+        sizes = np.unique(samples.group, return_counts=True)[1]
+        numbers, unknowns = 3 * k, unknowns + int(np.where(sizes >= DRIFT_SAMPLES, 6, 3).sum())
+        what = f"{sizes.size} groups' offsets and drifts and the joints"
+    else:
+        numbers, what = 6 * k, "the joints"
+    if not numbers > unknowns:
+        raise IdentificationError(
+            f"samples: expected more than {unknowns} measured numbers for as many unknowns "
+            f"({what}), got {numbers} from {k} samples; measure more loads"
+        )
+
+
+def summarise(found: Fitted, model: str, reach: FloatArray) -> StiffnessResult:
+    """What a fit means: stiffness and cubic terms, covariances, intervals, what is identified."""
+    freedom = max(found.freedom, 1)
+    variance = found.chi_square / freedom
+    parameters, width = found.parameters, float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom))
+    relative = np.sqrt(variance * np.diagonal(found.covariance))
+    with_cubic = model != LINEAR
+    identifiable = ~found.free[:JOINTS] & (relative[:JOINTS] <= WORST_RELATIVE)
+    cubic_known = ~found.free[JOINTS : 2 * JOINTS] & (relative[JOINTS : 2 * JOINTS] <= WORST_CUBIC)
+    cubic_known &= with_cubic
+
+    stiffness = 1.0 / parameters.compliance
+    # From (c, a) in units of `scale` to (b, a): db = -b^2 dc, and the scale of c is c itself.
+    to_physical = np.concatenate([-stiffness, found.scale[JOINTS : 2 * JOINTS]])
+    covariance = found.covariance[: 2 * JOINTS, : 2 * JOINTS]
+    physical = variance * covariance * np.outer(to_physical, to_physical)
+    known = np.concatenate([identifiable, cubic_known])
+    shown = np.where(np.outer(known, known), physical, np.nan)
+
+    half = width * relative[:JOINTS]
+    ends = np.column_stack([1.0 / (1.0 + half), 1.0 / np.maximum(1.0 - half, 1e-9)])
+    interval = np.where(identifiable[:, None], stiffness[:, None] * ends, np.nan)
+    cubic_interval = None
+    if with_cubic:
+        half = width * np.sqrt(np.diagonal(physical)[JOINTS:])
+        around = parameters.cubic[:, None] + half[:, None] * np.array([-1.0, 1.0])
+        cubic_interval = np.where(cubic_known[:, None], around, np.nan)
+    return StiffnessResult(
+        model=model,
+        stiffness=np.where(identifiable, stiffness, np.nan),
+        cubic=np.where(cubic_known, parameters.cubic, np.nan) if with_cubic else None,
+        covariance=shown if with_cubic else shown[:JOINTS, :JOINTS],
+        identifiable=identifiable,
+        cubic_identifiable=cubic_known,
+        interval=interval,
+        cubic_interval=cubic_interval,
+        residual_rms=float(np.sqrt(variance)),
+        degrees_of_freedom=found.freedom,
+        samples=int(found.use.size),
+        outliers=np.flatnonzero(~found.use),
+        iterations=found.iterations,
+        converged=found.converged,
+        parameters=np.concatenate([stiffness, parameters.cubic]),
+        parameter_covariance=physical,
+        joint_range=_range(found.deflection, found.use),
+        friction=np.where(reach > 0.0, parameters.friction, 0.0),
+        friction_deviation=relative[2 * JOINTS :] * found.scale[2 * JOINTS :],
+        friction_reach=reach,
+    )
+
+
+def _range(deflection: FloatArray, use: BoolArray) -> FloatArray:
+    return np.asarray(np.abs(deflection[use]).max(axis=0, initial=0.0))

@@ -1,0 +1,1 @@
+"""What a stiffness test measured, as arrays."""

@@ -1,0 +1,78 @@
+"""What a first result makes better about the data: small errors that the deflection itself causes.
+
+Neither is large (a tenth of a percent on the bench), but both are larger than what a good campaign
+leaves of the noise, so intervals are honest only without them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cabols_control.checks import FloatArray, finite_array
+from cabols_stiffness.measurements.samples import PointSamples
+from cabols_stiffness.model.balance import Law, balance
+from cabols_stiffness.model.robot import JOINTS, Posture, RobotModel
+from cabols_stiffness.model.screws import turn
+
+
+def loaded_posture(
+    robot: RobotModel, joints: ArrayLike, wrench: ArrayLike, parameters: ArrayLike
+) -> Posture:
+    """Where the tool really is under small wrenches, such as at the unloaded references.
+
+    The least tension of the cables turns the bench's wrist by some 0.1 mrad. Register the tracker
+    with these poses, not with the encoders': a rotation of the tracker's frame mixes the large
+    deflections into the small ones.
+
+    Args:
+        robot: with the tool that carries the wrench.
+        joints: (k, 6) by the encoders [rad].
+        wrench: (k, 6) tool axes, as the sensor measures it [N, N m].
+        parameters: (12,) of a first result, or a guess: stiffness, then cubic terms.
+
+    Raises:
+        ShapeError: if an argument has another shape or is not finite.
+    """
+    at = finite_array("joints", joints, (None, JOINTS))
+    load = finite_array("wrench", wrench, (at.shape[0], 6))
+    return balance(robot, at, load, _law(parameters), follows=True).posture
+
+
+def without_tool_weight(
+    points: PointSamples,
+    robot: RobotModel,
+    parameters: ArrayLike,
+    weight: float,
+    centre: ArrayLike = (0.0, 0.0, 0.0),
+) -> PointSamples:
+    """Take the tool's weight off the readings in the tool's true orientation.
+
+    The rig's bridge takes it off with the orientation that the encoders tell. Under a load the
+    tool is turned, and what is left over, weight times angle, looks like a load.
+
+    Args:
+        points: as measured.
+        robot: with the tool that the samples are about.
+        parameters: (12,) of a first result, or a guess: stiffness, then cubic terms.
+        weight: of all that hangs on the sensor, along -z of the base [N].
+        centre: (3,) of its mass from the tool's origin, tool axes [m].
+
+    Raises:
+        ShapeError: if an argument has another shape or is not finite.
+    """
+    rest = balance(robot, points.joints, points.wrench, _law(parameters), follows=True)
+    down = np.zeros((len(points), 6))
+    down[:, 2] = -weight
+    taken = turn(robot.posture(points.joints).rotation.swapaxes(1, 2), down)
+    extra = (turn(rest.posture.rotation.swapaxes(1, 2), down) - taken)[:, :3]
+    arm = finite_array("centre", centre, (3,))
+    error = np.concatenate([extra, np.cross(arm, extra)], axis=1)
+    return replace(points, wrench=points.wrench - error)
+
+
+def _law(parameters: ArrayLike) -> Law:
+    values: FloatArray = finite_array("parameters", parameters, (2 * JOINTS,))
+    return Law(values[:JOINTS], values[JOINTS:])

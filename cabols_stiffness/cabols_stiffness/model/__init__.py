@@ -1,0 +1,1 @@
+"""Elastic model of a robot, and what follows from it."""

@@ -1,0 +1,102 @@
+"""Joint commands that make up for the robot's giving way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cabols_control.checks import FloatArray, finite_array
+from cabols_control.errors import CabolsError
+from cabols_stiffness.model.balance import Law
+from cabols_stiffness.model.prediction import Prediction, law_of, predict
+from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
+from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.screws import turn
+
+NEWTON_STEPS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What to command instead.
+
+    Attributes:
+        joints: (6,) to command [rad].
+        prediction: deflection without correction.
+        covariance: (6, 6) of the tool's pose with it, (dp, dtheta) in base axes: what the
+            stiffness's uncertainty leaves.
+    """
+
+    joints: FloatArray
+    prediction: Prediction
+    covariance: FloatArray
+
+
+def correct(
+    result: StiffnessResult,
+    robot: RobotModel,
+    joints: ArrayLike,
+    wrench: ArrayLike,
+    *,
+    follows: bool = False,
+) -> Correction:
+    """Command under which the loaded robot stands where the unloaded one was meant to.
+
+    The loaded arm is then at `joints`, whose Jacobian is known, so that the balance falls apart
+    into one equation for each joint, J(q)^T w = a d^3 + b d, and the command is q - d: exact, no
+    matter how far the robot gives way, and the same for a wrench that turns with the tool.
+
+    Args:
+        result: an identification, linear or cubic, with all joints identified.
+        robot: with the tool that carries the wrench.
+        joints: (6,) where the unloaded robot is meant to be [rad].
+        wrench: (6,) on the tool at its origin [N, N m]; base axes, or the tool's if it follows it.
+        follows: whether the wrench turns with the tool.
+
+    Raises:
+        ShapeError: if an argument has another shape or is not finite.
+        CabolsError: if a joint was not identified, the model is "as_published", the robot cannot
+            balance the wrench, or the command is beyond a joint's limit.
+    """
+    if result.model == AS_PUBLISHED or not result.identifiable.all():
+        missing = ", ".join(str(j + 1) for j in np.flatnonzero(~result.identifiable))
+        raise CabolsError(
+            f"result: expected all joints identified by the linear or cubic model, got "
+            f"{result.model} without joints {missing or 'none'}; load them more"
+        )
+    at = finite_array("joints", joints, (JOINTS,))
+    prediction = predict(result, robot, at, wrench, follows=follows)
+    posture = robot.posture(at[None])
+    load = finite_array("wrench", wrench, (6,))[None]
+    torque = posture.torque(turn(posture.rotation, load) if follows else load)
+    law = law_of(result)
+    moved = _solved(law, torque, prediction.joints[None])
+    command = at - moved[0]
+    outside = (command < robot.limits[:, 0]) | (command > robot.limits[:, 1])
+    if outside.any():
+        j = int(np.flatnonzero(outside)[0])
+        raise CabolsError(
+            f"joints: expected a command within {robot.limits[j, 0]:.4f} to "
+            f"{robot.limits[j, 1]:.4f} rad for joint {j + 1}, got {command[j]:.4f}; move the pose"
+        )
+    slope = law.slope(moved)[0]
+    columns = np.hstack([np.diag(-moved[0] / slope), np.diag(-(moved[0] ** 3) / slope)])
+    spread = columns @ result.parameter_covariance @ columns.T
+    jacobian = posture.jacobian[0]
+    return Correction(command, prediction, np.asarray(jacobian @ spread @ jacobian.T))
+
+
+def _solved(law: Law, torque: FloatArray, start: FloatArray) -> FloatArray:
+    """(1, 6) deflections at which the joints carry torques (1, 6); Newton."""
+    moved = start
+    for _ in range(NEWTON_STEPS):
+        step = (torque - law.torque(moved)) / law.slope(moved)
+        moved = moved + step
+        if not np.abs(step).max() > 1e-14:
+            return moved
+    raise CabolsError(
+        f"wrench: expected torques that the joints' law can carry, got {torque[0].tolist()} N m; "
+        "they are far beyond what was identified"
+    )

@@ -1,0 +1,270 @@
+"""The limb controller: modes, staleness, pre-tightening, what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.ros import topics
+from cabols_control.supervision.modes import OperatingMode
+
+N = 8
+
+
+def sample(stamp_s, wound=0.0, elongation=np.nan, tension=np.nan, switch=False, zeroed=False):
+    def array(value):
+        return np.broadcast_to(np.asarray(value), (N,)).copy()
+
+    return LimbSample(
+        stamp_s, array(wound), array(elongation), array(tension), array(switch), array(zeroed)
+    )
+
+
+def loaded(stamp_s, tension=10.0):
+    return sample(stamp_s, 0.01, tension / 2200.0, tension, True, True)
+
+
+def setpoint(stamp_s, tension=10.0, active=True):
+    return TensionSetpoint(stamp_s, np.full(N, tension), active)
+
+
+@pytest.fixture
+def controller(rig):
+    return LimbController(rig)
+
+
+@pytest.mark.parametrize("mode", [OperatingMode.STOPPED, OperatingMode.FAULT])
+def test_rest_is_zero_current(controller, mode):
+    controller.step(loaded(0.000), OperatingMode.LOADING, setpoint(0.0, 50.0))
+    moving = controller.step(loaded(0.001), OperatingMode.LOADING, setpoint(0.001, 50.0))
+    assert (moving > 0).all()
+    assert (controller.step(loaded(0.002), mode, setpoint(0.002, 50.0)) == 0.0).all()
+
+
+def test_pretightening_winds_in_until_zeroed(controller):
+    for k in range(50):
+        current = controller.step(sample(0.001 * k), OperatingMode.PRETIGHTENING, None)
+    assert (current > 0).all()
+    # Where the zero becomes known, tension control takes over without a bump.
+    before = current.copy()
+    hold = loaded(0.05, 1.3 * 4.7)
+    np.testing.assert_allclose(
+        controller.step(hold, OperatingMode.PRETIGHTENING, None), before, rtol=1e-9
+    )
+
+
+def test_closed_switch_without_zero_winds_out_first(controller):
+    for k in range(50):
+        current = controller.step(sample(0.001 * k, switch=True), OperatingMode.PRETIGHTENING, None)
+    assert (current < 0).all()
+
+
+def test_stale_command_stops_until_stopped(controller, rig):
+    timeout = rig.control.command_timeout
+    controller.step(loaded(1.0), OperatingMode.LOADING, setpoint(1.0, 50.0))
+    controller.step(loaded(1.001), OperatingMode.LOADING, setpoint(1.0, 50.0))
+    assert not controller.fault
+    late = 1.0 + timeout + 0.001
+    assert (controller.step(loaded(late), OperatingMode.LOADING, setpoint(1.0)) == 0.0).all()
+    assert "stale" in controller.fault
+    # A fresh command does not start it again; STOPPED clears it.
+    late += 0.001
+    assert (controller.step(loaded(late), OperatingMode.LOADING, setpoint(late)) == 0.0).all()
+    controller.step(loaded(late + 0.001), OperatingMode.STOPPED, None)
+    assert not controller.fault
+
+
+@pytest.mark.parametrize(
+    ("state", "command", "reason"),
+    [
+        (loaded(1.0), None, "no tension_command"),
+        (loaded(1.0), setpoint(np.nan), "stale"),
+        (sample(1.0, zeroed=False), setpoint(1.0), "not pre-tightened"),
+    ],
+)
+def test_what_stops_a_load(controller, state, command, reason):
+    current = controller.step(state, OperatingMode.LOADING, command)
+    assert (current == 0.0).all()
+    assert reason in controller.fault
+
+
+@pytest.mark.parametrize(
+    ("state", "command"),
+    [
+        (sample(1.001, 0.01, 0.01, np.nan, True, True), setpoint(1.001)),
+        (sample(1.001, 0.01, np.nan, 10.0, True, True), setpoint(1.001)),
+        (loaded(1.001), setpoint(1.001, np.nan)),
+        (loaded(1.001), setpoint(1.001, np.inf)),
+    ],
+)
+def test_not_finite_stops_a_load(controller, state, command):
+    controller.step(loaded(1.0), OperatingMode.LOADING, setpoint(1.0))
+    assert (controller.step(state, OperatingMode.LOADING, command) == 0.0).all()
+    assert "not finite" in controller.fault
+
+
+def test_nan_wound_length_stops_pretightening(controller):
+    controller.step(sample(1.0), OperatingMode.PRETIGHTENING, None)
+    lost = sample(1.001, wound=np.nan)
+    assert (controller.step(lost, OperatingMode.PRETIGHTENING, None) == 0.0).all()
+    assert "not finite" in controller.fault
+
+
+def test_nan_wound_length_at_rest_is_survived(controller):
+    controller.step(sample(1.0, wound=np.nan), OperatingMode.STOPPED, None)
+    assert (controller.step(loaded(1.001), OperatingMode.STOPPED, None) == 0.0).all()
+
+
+def test_repeated_or_older_state_changes_nothing(controller):
+    controller.step(loaded(1.000), OperatingMode.LOADING, setpoint(1.0, 30.0))
+    before = controller.step(loaded(1.001), OperatingMode.LOADING, setpoint(1.0, 30.0)).copy()
+    for stamp in (1.001, 0.999, np.nan):
+        after = controller.step(loaded(stamp), OperatingMode.LOADING, setpoint(1.0, 30.0))
+        np.testing.assert_array_equal(after, before)
+
+
+def test_clock_that_is_set_back_stops_until_stopped(controller):
+    """As of a bridge that was restarted: an old current must not stay for as long as that."""
+    load = OperatingMode.LOADING
+    controller.step(loaded(1000.0), load, setpoint(1000.0, 30.0))
+    assert controller.step(loaded(1000.001), load, setpoint(1000.0, 30.0)).any()
+    assert not controller.step(loaded(5.0), load, setpoint(5.0, 30.0)).any()
+    assert "went back by 995 s" in controller.fault
+    assert not controller.step(loaded(5.001), load, setpoint(5.0, 30.0)).any()
+    controller.step(loaded(5.002), OperatingMode.STOPPED, None)
+    assert not controller.fault
+    controller.step(loaded(5.003), load, setpoint(5.003, 30.0))
+    assert controller.step(loaded(5.004), load, setpoint(5.004, 30.0)).any()
+
+
+def test_command_from_the_future_is_stale(controller):
+    controller.step(loaded(1.0), OperatingMode.LOADING, setpoint(9.0, 30.0))
+    assert "stale: -8000.0 ms old" in controller.fault
+
+
+def test_gap_restarts_without_a_bump(controller):
+    for k in range(100):
+        controller.step(loaded(0.001 * k), OperatingMode.LOADING, setpoint(0.001 * k, 12.0))
+    before = controller.current.copy()
+    jumped = loaded(0.5, 40.0)
+    after = controller.step(jumped, OperatingMode.LOADING, setpoint(0.5, 12.0))
+    np.testing.assert_array_equal(after, before)
+
+
+def test_command_beyond_the_spring_is_clipped(controller, rig):
+    limit = rig.control.tension_max
+    for k in range(3):
+        at_limit = controller.step(
+            loaded(0.001 * k, limit), OperatingMode.LOADING, setpoint(0.001 * k, 10.0 * limit)
+        )
+    np.testing.assert_allclose(at_limit, 0.0, atol=1e-9)
+
+
+def test_subset_drives_its_limbs_only(rig):
+    controller = LimbController(rig, [2, 5])
+    part = TensionSetpoint(0.001, np.full(2, 50.0), True)
+    controller.step(loaded(0.001), OperatingMode.LOADING, part)
+    part = TensionSetpoint(0.002, np.full(2, 50.0), True)
+    assert controller.step(loaded(0.002), OperatingMode.LOADING, part).shape == (2,)
+    assert (controller.current > 0).all()
+
+
+def messages(rig, limbs=N):
+    state, answer = (
+        topics.limb_state_layout(rig.geometry),
+        topics.motor_current_layout(rig.geometry, limbs),
+    )
+    return state, state.record(), answer.record()
+
+
+def as_message(layout, record, taken, sequence):
+    """A limb state as it comes from DDS: read-only, not aligned."""
+    record.stamp(round(1e9 * taken.stamp_s))
+    record["sequence"][0] = sequence
+    record["limb"][:] = range(N)
+    for name in ("wound_length", "elongation", "tension", "switch_closed", "zeroed"):
+        record[name][:] = getattr(taken, name)
+    return np.frombuffer(record.raw(), layout.compiled_dtype, 1)
+
+
+def test_short_cut_of_a_loaded_rig_is_the_same_law(rig, random):
+    """Same currents, to the bit, as the step for all cases, saturated ones among them."""
+    usual, general = LimbController(rig), LimbController(rig)
+    layout, record, answer = messages(rig)
+    taken, saturated = [], 0
+    stamp_s, tension = 0.0, random.uniform(5.0, 80.0, N)
+    for k in range(400):
+        stamp_s += random.choice([0.001, 0.0012, 0.004, 0.02], p=[0.8, 0.1, 0.09, 0.01])
+        tension = np.clip(tension + random.normal(0.0, 0.3, N), 1.0, 100.0)
+        closed = random.random(N) < 0.9
+        state = sample(stamp_s, 0.01 + tension / 9e4, tension / 2200.0, tension, closed, True)
+        wanted = TensionSetpoint(
+            stamp_s - 0.001, random.uniform(-10.0, 160.0, N), bool(random.random() < 0.9)
+        )
+        message = as_message(layout, record, state, k)
+        short = usual.step_loaded(stamp_s, OperatingMode.LOADING, wanted, message, answer.compiled)
+        if not short:
+            usual.step(state, OperatingMode.LOADING, wanted)
+        taken.append(short)
+        expected = general.step(state, OperatingMode.LOADING, wanted)
+        np.testing.assert_array_equal(usual.current, expected)
+        np.testing.assert_array_equal(usual.saturated, general.saturated)
+        if short:
+            np.testing.assert_array_equal(answer["current"], expected)
+            np.testing.assert_array_equal(answer["saturated"], general.saturated)
+            assert answer["sequence"][0] == k
+            sent_s = answer["header.stamp.sec"][0] + 1e-9 * answer["header.stamp.nanosec"][0]
+            assert sent_s == pytest.approx(stamp_s, abs=1e-9)
+        saturated += general.saturated.any()
+    assert not taken[0]
+    assert sum(taken) > 380
+    assert saturated > 20
+
+
+@pytest.mark.parametrize(
+    ("change", "mode", "wanted"),
+    [
+        ({"zeroed": False}, OperatingMode.LOADING, setpoint(0.003)),
+        ({"elongation": np.nan}, OperatingMode.LOADING, setpoint(0.003)),
+        ({"tension": np.inf}, OperatingMode.LOADING, setpoint(0.003)),
+        ({"stamp_s": 0.002}, OperatingMode.LOADING, setpoint(0.002)),
+        ({"stamp_s": 0.02}, OperatingMode.LOADING, setpoint(0.02)),
+        ({"limb": 7}, OperatingMode.LOADING, setpoint(0.003)),
+        ({}, OperatingMode.LOADING, setpoint(0.003, np.nan)),
+        ({}, OperatingMode.LOADING, setpoint(-1.0)),
+        ({}, OperatingMode.LOADING, None),
+        ({}, OperatingMode.UNLOADING, setpoint(0.003)),
+    ],
+)
+def test_short_cut_leaves_everything_else_alone(controller, rig, change, mode, wanted):
+    for k in range(3):
+        controller.step(loaded(0.001 * k), OperatingMode.LOADING, setpoint(0.001 * k, 30.0))
+    before = controller.current.copy()
+    layout, record, answer = messages(rig)
+    state = loaded(change.get("stamp_s", 0.003))
+    for name in set(change) & {"zeroed", "elongation", "tension"}:
+        getattr(state, name)[3] = change[name]
+    message = as_message(layout, record, state, 1)
+    if "limb" in change:
+        record["limb"][3] = change["limb"]
+        message = np.frombuffer(record.raw(), layout.compiled_dtype, 1)
+    assert not controller.step_loaded(state.stamp_s, mode, wanted, message, answer.compiled)
+    np.testing.assert_array_equal(controller.current, before)
+    assert not answer["current"].any()
+
+
+def test_short_cut_is_for_all_limbs_only(rig):
+    controller = LimbController(rig, [1, 3])
+    for k in range(3):
+        controller.step(
+            loaded(0.001 * k),
+            OperatingMode.LOADING,
+            TensionSetpoint(0.001 * k, np.full(2, 30.0), True),
+        )
+    layout, record, answer = messages(rig, 2)
+    message = as_message(layout, record, loaded(0.003), 1)
+    wanted = TensionSetpoint(0.003, np.full(2, 30.0), True)
+    assert not controller.step_loaded(
+        0.003, OperatingMode.LOADING, wanted, message, answer.compiled
+    )

@@ -1,0 +1,162 @@
+"""Runs the real bench graph while a scenario watches it and interferes."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+from cabols_control.bringup.graph import ONE_BLAS_THREAD
+from cabols_control.bringup.processes import Ended
+from cabols_control.ros import topics
+from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_sim.bench.run import run_bench
+
+_DOMAINS = itertools.count()
+
+
+def next_environment() -> dict[str, str]:
+    """A DDS domain that no other test of this session, and hardly another session, uses."""
+    domain = 1 + (7 * os.getpid() + next(_DOMAINS)) % 100
+    return {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        **ONE_BLAS_THREAD,
+    }
+
+
+class Watcher:
+    """Keeps every message of some topics; runs beside the graph in its own context."""
+
+    def __init__(self, domain: int, watched: tuple[str, ...]) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node("watcher", namespace="/cabols", context=self.context)
+        self.seen: dict[str, list[Any]] = {topic: [] for topic in watched}
+        self.came_s: dict[str, list[float]] = {topic: [] for topic in watched}
+        """When each message came, time.monotonic()."""
+        for topic in watched:
+            self.node.create_subscription(
+                topics.TYPES[topic], topic, partial(self._keep, topic), qos(topic)
+            )
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._thread.start()
+
+    def _keep(self, topic: str, message: Any) -> None:
+        self.came_s[topic].append(time.monotonic())
+        self.seen[topic].append(message)
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            self._executor.spin()
+
+    def publisher(self, topic: str) -> Any:
+        """A second publisher on a topic, once somebody reads it."""
+        publisher = self.node.create_publisher(topics.TYPES[topic], topic, qos(topic))
+        self.wait(lambda: publisher.get_subscription_count() > 0, f"a reader of {topic}")
+        return publisher
+
+    def publish_until(
+        self, publisher: Any, message: Any, condition: Callable[[], bool], what: str
+    ) -> None:
+        """Publish again and again until it has had its effect.
+
+        A single sample of a best-effort, keep-last-1 topic may meet a reader that has not matched
+        yet, or be replaced by another publisher's before it is read.
+        """
+
+        def repeated() -> bool:
+            if condition():
+                return True
+            publisher.publish(message)
+            return False
+
+        self.wait(repeated, what)
+
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Call a service and wait for its answer."""
+        client = self.node.create_client(service_type, name)
+        assert client.wait_for_service(timeout_sec=30.0), f"no service {name}"
+        future = client.call_async(request)
+        self.wait(future.done, f"the answer of {name}")
+        return future.result()
+
+    def wait(self, condition: Callable[[], bool], what: str, seconds: float = 90.0) -> None:
+        """Wait for a condition; fail with what was waited for."""
+        give_up = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < give_up, f"waited {seconds:g} s in vain for {what}"
+            time.sleep(0.005)
+
+    def modes(self) -> list[int]:
+        """Modes seen so far."""
+        return [message.mode for message in self.seen["mode"]]
+
+    def close(self) -> None:
+        """End the watcher."""
+        self.context.try_shutdown()
+        self._thread.join(timeout=5.0)
+        self.node.destroy_node()
+
+
+def qos(topic: str) -> Any:
+    if topic == "mode":
+        return latched_qos(lockstep=False)
+    if topic in topics.CONTROL_TOPICS:
+        profile = control_qos(lockstep=False)
+        # The watcher must see every sample, also if it is late itself.
+        profile.depth = 5000
+        return profile
+    return status_qos()
+
+
+def run_scenario(
+    values: dict[str, Any],
+    scenario: Callable[[Watcher, dict[str, int]], None],
+    watched: tuple[str, ...] = ("mode", "limb_state", "motor_current", "loop_status"),
+    keep_going: bool = False,
+) -> tuple[Ended, list[str], Watcher]:
+    """Run the bench; the scenario gets the watcher and the process ids. The graph ends with it.
+
+    Returns:
+        How the graph ended, its output lines, and the watcher with all it has seen.
+    """
+    environment = next_environment()
+    watcher = Watcher(int(environment["ROS_DOMAIN_ID"]), watched)
+    lines: list[str] = []
+    failure: list[BaseException] = []
+
+    def play(pids: dict[str, int]) -> None:
+        def body() -> None:
+            try:
+                scenario(watcher, pids)
+            except BaseException as error:
+                failure.append(error)
+            finally:
+                os.kill(os.getpid(), 15)
+
+        threading.Thread(target=body, daemon=True).start()
+
+    try:
+        ended = run_bench(
+            {"record": False, **values},
+            lambda node, line: lines.append(f"{node}: {line}"),
+            environment=environment,
+            on_start=play,
+            keep_going=keep_going,
+        )
+    finally:
+        watcher.close()
+    if failure:
+        raise AssertionError("\n".join(lines[-30:])) from failure[0]
+    return ended, lines, watcher
