@@ -43,6 +43,9 @@ browser:  ## find or install the Chromium that the console's tests drive
 test: setup browser  ## run the tests
 	@$(BIN)/python -m pytest $(ARGS)
 
+structure: setup  ## write the tables of rooms and imports in docs/architecture.md
+	@$(BIN)/python tools/structure.py --write
+
 lint: setup  ## check style and types
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
