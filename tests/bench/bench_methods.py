@@ -29,10 +29,10 @@ from cabols_control.kinematics import structure_matrix
 from cabols_control.tension import (
     CHOICES,
     DEFAULT_WEIGHTS,
-    choose_packed,
-    pack_pose,
-    pack_size,
+    choose_prepared,
+    prepare_pose,
     set_method,
+    work_size,
 )
 from tension_path import BOX, largest_jump, tensions_along
 
@@ -45,15 +45,15 @@ COUNTS = (1001, 4001, 16001)
 EQUILIBRIUM_N = 1e-9
 
 
-def timed_packs(matrix):
+def prepared_works(matrix):
     """A work array for each method at one pose."""
-    packs = {}
+    works = {}
     for method in CHOICES:
-        packs[method] = np.zeros(pack_size(8))
+        works[method] = np.zeros(work_size(8))
         limits = (np.full(8, LOW), np.full(8, HIGH))
-        pack_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), packs[method])
-        set_method(packs[method], 8, method)
-    return packs
+        prepare_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), works[method])
+        set_method(works[method], 8, method)
+    return works
 
 
 def timing(matrix, wrenches, calls):
@@ -62,8 +62,8 @@ def timing(matrix, wrenches, calls):
     rows = list(wrenches)
     return time_calls(
         {
-            method: lambda i, pack=pack: choose_packed(pack, rows[i], tension, residual)
-            for method, pack in timed_packs(matrix).items()
+            method: lambda i, work=work: choose_prepared(work, rows[i], tension, residual)
+            for method, work in prepared_works(matrix).items()
         },
         calls,
     )
@@ -71,11 +71,11 @@ def timing(matrix, wrenches, calls):
 
 def answers(matrix, wrenches, method):
     """Worst equilibrium error, limits kept, least distance to a limit (median)."""
-    pack = timed_packs(matrix)[method]
+    work = prepared_works(matrix)[method]
     tension, residual = np.zeros(8), np.zeros(6)
     worst, inside, slack = 0.0, True, []
     for wrench in wrenches:
-        if choose_packed(pack, wrench, tension, residual) == 0:
+        if choose_prepared(work, wrench, tension, residual) == 0:
             worst = max(worst, float(np.abs(matrix @ tension - wrench).max()))
         inside = inside and bool(((tension >= LOW) & (tension <= HIGH)).all())
         slack.append(min((tension - LOW).min(), (HIGH - tension).min()))

@@ -27,12 +27,12 @@ from cabols_control.tension import (
     INVALID,
     RigTensionResolver,
     TensionResolver,
-    detect_packed,
+    detect_prepared,
     distribute,
-    pack_pose,
-    pack_size,
+    prepare_pose,
     solve_batch,
-    solve_packed,
+    solve_prepared,
+    work_size,
 )
 from tension_cases import (
     CENTRE,
@@ -295,9 +295,9 @@ def test_numbers_that_are_not_finite_are_refused(value):
         with pytest.raises(ShapeError, match="wrench: expected finite"):
             resolver.solve(wrench)
         tension, residual = np.full(8, 77.0), np.zeros(6)
-        assert solve_packed(resolver.pack, wrench, tension, residual) == INVALID
+        assert solve_prepared(resolver.work, wrench, tension, residual) == INVALID
         assert (tension == LOW).all()
-        assert detect_packed(resolver.pack, wrench) == INVALID
+        assert detect_prepared(resolver.work, wrench) == INVALID
     bad = REFERENCE.copy()
     bad[2, 3] = value
     with pytest.raises(ShapeError, match="A: expected finite"):
@@ -308,12 +308,12 @@ def test_numbers_that_are_not_finite_are_refused(value):
 
 
 def test_a_pose_that_is_not_finite_is_invalid_not_ok():
-    pack = np.empty(pack_size(8))
+    work = np.empty(work_size(8))
     bad = REFERENCE.copy()
     bad[5, 7] = np.nan
-    assert pack_pose(bad, np.full(8, LOW), np.full(8, HIGH), WEIGHTS, pack) == 2
+    assert prepare_pose(bad, np.full(8, LOW), np.full(8, HIGH), WEIGHTS, work) == 2
     tension, residual = np.empty(8), np.empty(6)
-    assert solve_packed(pack, np.zeros(6), tension, residual) == INVALID
+    assert solve_prepared(work, np.zeros(6), tension, residual) == INVALID
     assert (tension == LOW).all()
     rig = RigTensionResolver(*reference_points(), LOW, HIGH)
     with pytest.raises(ShapeError, match="position: expected finite"):
@@ -409,7 +409,7 @@ def test_batches_have_the_bits_of_single_calls():
     tensions, status = resolver.solve_batch(wrenches)
     assert set(status) == {0, 1, 2}
     into, codes = np.empty_like(tensions), np.empty(500, dtype=np.int64)
-    solve_batch(resolver.pack, wrenches, into, codes)
+    solve_batch(resolver.work, wrenches, into, codes)
     np.testing.assert_array_equal(into, tensions)
     for k in np.flatnonzero(status < 2):
         solution = resolver.solve(wrenches[k])
@@ -475,7 +475,7 @@ def test_outputs_of_the_caller_are_filled():
 
 
 def test_straight_pose_path_agrees_with_the_general_one():
-    """solve_pose_eight, from the Gram matrix, against the orthonormal basis of pack_pose."""
+    """solve_pose_eight, from the Gram matrix, against the orthonormal basis of prepare_pose."""
     rng = np.random.default_rng(31)
     compared = 0
     for _ in range(2000):

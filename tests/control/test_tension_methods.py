@@ -17,11 +17,11 @@ from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import (
     CHOICES,
     DEFAULT_WEIGHTS,
-    choose_packed,
+    choose_prepared,
     distribute,
-    pack_pose,
-    pack_size,
+    prepare_pose,
     set_method,
+    work_size,
 )
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 from tension_cases import HIGH, LOW, REFERENCE, boundary_wrench, random_rig
@@ -199,12 +199,12 @@ def test_centres_stay_away_from_the_limits(random):
 
 def test_a_share_mixes_with_the_minimum_norm():
     wrench = 0.3 * BOX
-    pack, tension, residual = np.zeros(pack_size(8)), np.zeros(8), np.zeros(6)
-    pack_pose(REFERENCE, np.full(8, LOW), np.full(8, HIGH), WEIGHTS, pack)
+    work, tension, residual = np.zeros(work_size(8)), np.zeros(8), np.zeros(6)
+    prepare_pose(REFERENCE, np.full(8, LOW), np.full(8, HIGH), WEIGHTS, work)
     found = []
     for share in (0.0, 0.25, 1.0):
-        set_method(pack, 8, "barycentre", share=share)
-        choose_packed(pack, wrench, tension, residual)
+        set_method(work, 8, "barycentre", share=share)
+        choose_prepared(work, wrench, tension, residual)
         found.append(tension.copy())
     np.testing.assert_allclose(found[1], 0.75 * found[0] + 0.25 * found[2], atol=1e-12)
     np.testing.assert_allclose(found[0], distribute(REFERENCE, wrench, LOW, HIGH).tension)
@@ -212,13 +212,13 @@ def test_a_share_mixes_with_the_minimum_norm():
 
 def test_refusals_say_what_is_possible():
     with pytest.raises(CabolsError, match="expected one of min_norm, p_norm"):
-        set_method(np.zeros(pack_size(8)), 8, "middle")
+        set_method(np.zeros(work_size(8)), 8, "middle")
     with pytest.raises(CabolsError, match="2 degrees of redundancy at most"):
-        set_method(np.zeros(pack_size(9)), 9, "barycentre")
+        set_method(np.zeros(work_size(9)), 9, "barycentre")
     with pytest.raises(CabolsError, match="exponent: expected 2 to 32"):
-        set_method(np.zeros(pack_size(8)), 8, "p_norm", exponent=float("nan"))
+        set_method(np.zeros(work_size(8)), 8, "p_norm", exponent=float("nan"))
     with pytest.raises(CabolsError, match="share"):
-        set_method(np.zeros(pack_size(8)), 8, "p_norm", share=float("nan"))
+        set_method(np.zeros(work_size(8)), 8, "p_norm", share=float("nan"))
     A = random_rig(np.random.default_rng(1), 9)
     with pytest.raises(CabolsError, match='expected "min_norm" for 9 cables'):
         distribute(A, A @ np.full(9, 50.0), LOW, HIGH, "analytic_centre")

@@ -6,7 +6,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cabols_control.kinematics import structure_matrix
-from cabols_control.tension import DEFAULT_WEIGHTS, choose_packed, pack_pose, pack_size, set_method
+from cabols_control.tension import (
+    DEFAULT_WEIGHTS,
+    choose_prepared,
+    prepare_pose,
+    set_method,
+    work_size,
+)
 
 BOX = np.array([94.0, 94.0, 94.0, 9.4, 9.4, 9.4])
 """What the reference bench can give at its reference pose, all six at once [N, N m]."""
@@ -25,14 +31,14 @@ def path(geometry, count):
 
 def tensions_along(geometry, method, count, low, high):
     """(count, 8) tensions of a method along the path, and the worst residual [N, N m]."""
-    pack, residual, worst = np.zeros(pack_size(8)), np.zeros(6), 0.0
-    set_method(pack, 8, method)
+    work, residual, worst = np.zeros(work_size(8)), np.zeros(6), 0.0
+    set_method(work, 8, method)
     limits = (np.full(8, low), np.full(8, high))
     tensions = np.zeros((count, 8))
     for k, (position, rotation, wrench) in enumerate(zip(*path(geometry, count), strict=True)):
         matrix = structure_matrix(geometry, position, rotation)
-        pack_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), pack)
-        assert choose_packed(pack, wrench, tensions[k], residual) == 0
+        prepare_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), work)
+        assert choose_prepared(work, wrench, tensions[k], residual) == 0
         worst = max(worst, float(np.abs(matrix @ tensions[k] - wrench).max()))
     return tensions, worst
 

@@ -1,14 +1,14 @@
 """Redundancy resolution: cable tensions for a wrench.
 
 `distribute` for one call, `TensionResolver` for many wrenches at one pose, `RigTensionResolver`
-for new poses. Compiled loops use `pack_pose` once per pose and `solve_packed` per wrench.
+for new poses. Compiled loops use `prepare_pose` once per pose and `solve_prepared` per wrench.
 """
 
 from .distribution import DEFAULT_WEIGHTS, METHODS, distribute
-from .kernels.basis import pack_pose
-from .kernels.dispatch import detect_packed, solve_batch, solve_packed, solve_pose_batch
-from .kernels.work_array import pack_size
-from .methods import CHOICES, check_method, choose_packed, set_method
+from .kernels.basis import prepare_pose
+from .kernels.dispatch import detect_prepared, solve_batch, solve_pose_batch, solve_prepared
+from .kernels.work_array import work_size
+from .methods import CHOICES, check_method, choose_prepared, set_method
 from .resolver import RigTensionResolver, TensionResolver
 from .solution import FEASIBLE, INFEASIBLE, INVALID, TensionSolution
 
@@ -23,13 +23,13 @@ __all__ = [
     "TensionResolver",
     "TensionSolution",
     "check_method",
-    "choose_packed",
-    "detect_packed",
+    "choose_prepared",
+    "detect_prepared",
     "distribute",
-    "pack_pose",
-    "pack_size",
+    "prepare_pose",
     "set_method",
     "solve_batch",
-    "solve_packed",
     "solve_pose_batch",
+    "solve_prepared",
+    "work_size",
 ]

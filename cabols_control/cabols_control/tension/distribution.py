@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import finite_array
 from cabols_control.errors import CabolsError, ShapeError
 
-from .kernels.basis import pack_pose
-from .kernels.work_array import ITERATIONS, pack_size
-from .methods import CHOICES, DEFAULT_EXPONENT, choose_packed, set_method
+from .kernels.basis import prepare_pose
+from .kernels.work_array import ITERATIONS, work_size
+from .methods import CHOICES, DEFAULT_EXPONENT, choose_prepared, set_method
 from .references.daqp_fallback import solve_daqp
 from .references.enumeration import enumerate_active_sets
 from .solution import FEASIBLE, INVALID, FloatArray, TensionSolution
@@ -151,14 +151,14 @@ def distribute(
     n = matrix.shape[1]
     low, high = check_limits(n, tension_min, tension_max)
     scale = check_weights(weights)
-    pack, tension, residual = np.empty(pack_size(n)), np.empty(n), np.empty(6)
-    deficient = pack_pose(matrix, low, high, scale, pack) == 1
+    work, tension, residual = np.empty(work_size(n)), np.empty(n), np.empty(6)
+    deficient = prepare_pose(matrix, low, high, scale, work) == 1
     if method in _EXACT and not deficient:
         found, iterations = _EXACT[method](matrix, target, low, high)
         if found is not None:
             return TensionSolution(found, True, matrix @ found - target, method, iterations)
-    set_method(pack, n, method if method in CHOICES else "min_norm", exponent)
-    status = choose_packed(pack, target, tension, residual)
+    set_method(work, n, method if method in CHOICES else "min_norm", exponent)
+    status = choose_prepared(work, target, tension, residual)
     if status == INVALID:  # finite, but beyond what squares can hold
         raise ShapeError(f"A, wrench: expected numbers below 1e99, got {target}; check the units")
-    return TensionSolution(tension, status == FEASIBLE, residual, method, int(pack[ITERATIONS]))
+    return TensionSolution(tension, status == FEASIBLE, residual, method, int(work[ITERATIONS]))

@@ -19,11 +19,11 @@ from cabols_control.checks import finite_array
 from cabols_control.errors import ShapeError
 
 from .distribution import MIN_CABLES, check_limits, check_matrix, check_weights, check_wrench
-from .kernels.basis import pack_pose
-from .kernels.dispatch import detect_packed, solve_batch, solve_packed, solve_pose_batch
+from .kernels.basis import prepare_pose
+from .kernels.dispatch import detect_prepared, solve_batch, solve_pose_batch, solve_prepared
 from .kernels.eight_cables import solve_pose_eight
 from .kernels.static_size import compiled
-from .kernels.work_array import CABLES, ITERATIONS, at_limits, at_structure, at_weights, pack_size
+from .kernels.work_array import CABLES, ITERATIONS, at_limits, at_structure, at_weights, work_size
 from .solution import FEASIBLE, FloatArray, IntArray, TensionSolution
 
 _WRONG_SHAPE = 3
@@ -35,56 +35,56 @@ _empty = np.empty
 
 @compiled
 def _solve_call(
-    pack: FloatArray, wrench: FloatArray, tension: FloatArray, residual: FloatArray
+    work: FloatArray, wrench: FloatArray, tension: FloatArray, residual: FloatArray
 ) -> int:
-    """`solve_packed` with a shape check; iterations stand above the status."""
-    if wrench.shape[0] != 6 or tension.shape[0] != int(pack[CABLES]):
+    """`solve_prepared` with a shape check; iterations stand above the status."""
+    if wrench.shape[0] != 6 or tension.shape[0] != int(work[CABLES]):
         return _WRONG_SHAPE
-    status = solve_packed(pack, wrench, tension, residual)
-    return status + (int(pack[ITERATIONS]) << _STATUS_BITS)
+    status = solve_prepared(work, wrench, tension, residual)
+    return status + (int(work[ITERATIONS]) << _STATUS_BITS)
 
 
 @compiled
-def _detect_call(pack: FloatArray, wrench: FloatArray) -> int:
-    """`detect_packed` with a shape check."""
-    return detect_packed(pack, wrench) if wrench.shape[0] == 6 else _WRONG_SHAPE
+def _detect_call(work: FloatArray, wrench: FloatArray) -> int:
+    """`detect_prepared` with a shape check."""
+    return detect_prepared(work, wrench) if wrench.shape[0] == 6 else _WRONG_SHAPE
 
 
 @compiled
 def _solve_at_call(
-    pack: FloatArray,
+    work: FloatArray,
     position: FloatArray,
     rotation: FloatArray,
     wrench: FloatArray,
     tension: FloatArray,
     residual: FloatArray,
 ) -> int:
-    """Structure matrix, basis and solution; the rig's points lie at the end of `pack`.
+    """Structure matrix, basis and solution; the rig's points lie at the end of `work`.
 
-    Its limits and weights lie where pack_pose writes them: it reads them there, too.
+    Its limits and weights lie where prepare_pose writes them: it reads them there, too.
     """
     if position.shape[0] != 3 or rotation.shape != (3, 3) or wrench.shape[0] != 6:
         return _WRONG_SHAPE
-    n = int(pack[CABLES])
+    n = int(work[CABLES])
     if tension.shape[0] != n:
         return _WRONG_SHAPE
-    start = pack_size(n)
-    base = pack[start : start + 3 * n].reshape((n, 3))
-    platform = pack[start + 3 * n : start + 6 * n].reshape((n, 3))
-    A = pack[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
-    low = pack[at_limits(n) : at_limits(n) + n]
-    high = pack[at_limits(n) + n : at_limits(n) + 2 * n]
+    start = work_size(n)
+    base = work[start : start + 3 * n].reshape((n, 3))
+    platform = work[start + 3 * n : start + 6 * n].reshape((n, 3))
+    A = work[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
+    low = work[at_limits(n) : at_limits(n) + n]
+    high = work[at_limits(n) + n : at_limits(n) + 2 * n]
     structure_matrix_into(base, platform, position, rotation, A)
-    if n == 8 and solve_pose_eight(pack, low, high, wrench, tension):
+    if n == 8 and solve_pose_eight(work, low, high, wrench, tension):
         for row in range(6):
             total = -wrench[row]
             for i in range(8):
                 total += A[row, i] * tension[i]
             residual[row] = total
-        return FEASIBLE + (int(pack[ITERATIONS]) << _STATUS_BITS)
-    weights = pack[at_weights(n) : at_weights(n) + 6]
-    pack_pose(A, low, high, weights, pack)
-    return _solve_call(pack, wrench, tension, residual)
+        return FEASIBLE + (int(work[ITERATIONS]) << _STATUS_BITS)
+    weights = work[at_weights(n) : at_weights(n) + 6]
+    prepare_pose(A, low, high, weights, work)
+    return _solve_call(work, wrench, tension, residual)
 
 
 def _entry(function: Any, *ranks: int) -> Callable[..., int]:
@@ -126,7 +126,7 @@ class TensionResolver:
         weights: (6,) of the nearest wrench; default as in `distribute`.
 
     Attributes:
-        pack: the work array that the compiled functions take.
+        work: the work array that the compiled functions take.
         cables: number n of cables.
         deficient: True if A is nearly rank-deficient.
 
@@ -135,7 +135,7 @@ class TensionResolver:
         CabolsError: if a lower limit is above its upper limit or a weight is not positive.
     """
 
-    __slots__ = ("_residual", "cables", "deficient", "pack")
+    __slots__ = ("_residual", "cables", "deficient", "work")
 
     def __init__(
         self,
@@ -148,9 +148,9 @@ class TensionResolver:
         matrix = check_matrix(A)
         self.cables = int(matrix.shape[1])
         limits = check_limits(self.cables, tension_min, tension_max)
-        self.pack = np.zeros(pack_size(self.cables))
+        self.work = np.zeros(work_size(self.cables))
         self._residual = np.zeros(6)
-        self.deficient = pack_pose(matrix, *limits, check_weights(weights), self.pack) == 1
+        self.deficient = prepare_pose(matrix, *limits, check_weights(weights), self.work) == 1
 
     def solve(self, wrench: ArrayLike) -> TensionSolution:
         """Tensions for one wrench, (6,) [N], [N m]; fastest for a float64 array.
@@ -160,9 +160,9 @@ class TensionResolver:
         """
         tension, residual = _empty(self.cables), _empty(6)
         try:
-            code = _entry_solve(self.pack, wrench, tension, residual)
+            code = _entry_solve(self.work, wrench, tension, residual)
         except TypeError:  # a list, float32, strided: convert, then the same way
-            code = _entry_solve(self.pack, check_wrench(wrench), tension, residual)
+            code = _entry_solve(self.work, check_wrench(wrench), tension, residual)
         status = code & 7
         if status > 1:
             _refuse(wrench)
@@ -183,7 +183,7 @@ class TensionResolver:
         Raises:
             ShapeError: if the wrench is not (6,) or not finite, or tension is not (n,).
         """
-        status = _entry_solve(self.pack, wrench, tension, self._residual) & 7
+        status = _entry_solve(self.work, wrench, tension, self._residual) & 7
         if status > 1:
             _refuse_into(wrench, tension, self.cables)
         return bool(status == 0)
@@ -195,9 +195,9 @@ class TensionResolver:
             ShapeError: if the wrench is not (6,) or not finite.
         """
         try:
-            status = _entry_detect(self.pack, wrench)
+            status = _entry_detect(self.work, wrench)
         except TypeError:
-            status = _entry_detect(self.pack, check_wrench(wrench))
+            status = _entry_detect(self.work, check_wrench(wrench))
         if status > 1:
             _refuse(wrench)
         return bool(status == FEASIBLE)
@@ -221,7 +221,7 @@ class TensionResolver:
         """
         array = _batch("wrenches", wrenches, (6,))
         tensions, status = _batch_out(out, array.shape[0], self.cables)
-        solve_batch(self.pack, array, tensions, status)
+        solve_batch(self.work, array, tensions, status)
         return tensions, status
 
 
@@ -240,7 +240,7 @@ class RigTensionResolver:
         CabolsError: if a lower limit is above its upper limit or a weight is not positive.
     """
 
-    __slots__ = ("_limits", "_points", "_residual", "_weights", "cables", "pack")
+    __slots__ = ("_limits", "_points", "_residual", "_weights", "cables", "work")
 
     def __init__(
         self,
@@ -261,13 +261,13 @@ class RigTensionResolver:
         self._points = np.ascontiguousarray(np.stack([base, platform]))
         self._limits = check_limits(n, tension_min, tension_max)
         self._weights = check_weights(weights)
-        self.pack = np.zeros(pack_size(n) + 6 * n)
+        self.work = np.zeros(work_size(n) + 6 * n)
         self._residual = np.zeros(6)
-        self.pack[CABLES] = n
-        self.pack[-6 * n :] = self._points.ravel()
+        self.work[CABLES] = n
+        self.work[-6 * n :] = self._points.ravel()
         start = at_limits(n)
-        self.pack[start : start + 2 * n] = np.concatenate(self._limits)
-        self.pack[at_weights(n) : at_weights(n) + 6] = self._weights
+        self.work[start : start + 2 * n] = np.concatenate(self._limits)
+        self.work[at_weights(n) : at_weights(n) + 6] = self._weights
 
     def solve(self, position: ArrayLike, rotation: ArrayLike, wrench: ArrayLike) -> TensionSolution:
         """Tensions for one wrench at one pose.
@@ -282,10 +282,10 @@ class RigTensionResolver:
         """
         tension, residual = _empty(self.cables), _empty(6)
         try:
-            code = _entry_solve_at(self.pack, position, rotation, wrench, tension, residual)
+            code = _entry_solve_at(self.work, position, rotation, wrench, tension, residual)
         except TypeError:
             code = _entry_solve_at(
-                self.pack,
+                self.work,
                 finite_array("position", position, (3,)),
                 finite_array("rotation", rotation, (3, 3)),
                 check_wrench(wrench),
@@ -312,7 +312,7 @@ class RigTensionResolver:
         Raises:
             ShapeError: if an argument has another shape or is not finite.
         """
-        code = _entry_solve_at(self.pack, position, rotation, wrench, tension, self._residual)
+        code = _entry_solve_at(self.work, position, rotation, wrench, tension, self._residual)
         status = code & 7
         if status > 1:
             finite_array("position", position, (3,))
@@ -341,7 +341,7 @@ class RigTensionResolver:
         rotation = _batch("rotations", rotations, (3, 3), k)
         tensions, status = _batch_out(out, k, self.cables)
         solve_pose_batch(
-            self.pack,
+            self.work,
             self._points[0],
             self._points[1],
             position,

@@ -12,7 +12,7 @@ from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.checks import BoolArray, FloatArray, finite_array
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
-from cabols_control.tension import DEFAULT_WEIGHTS, pack_size
+from cabols_control.tension import DEFAULT_WEIGHTS, work_size
 from cabols_control.tension.distribution import check_limits, check_weights
 from cabols_control.tension.kernels.static_size import compiled
 
@@ -127,19 +127,19 @@ def capacity_loop(
     task: CapacityTask,
     positions: FloatArray,
     rotations: FloatArray,
-    work: FloatArray,
+    scratch: FloatArray,
     normals: FloatArray,
     results: FloatArray,
 ) -> None:
     """Fill results (k, o, RESULTS) for every position (k, 3) with every rotation (o, 3, 3)."""
     n = task.base_points.shape[0]
     vectors = task.points.shape[0] + task.generators.shape[0] + n
-    pack = work[: pack_size(n)]
-    start = pack_size(n)
-    products = work[start : start + n * vectors].reshape((n, vectors))
+    work = scratch[: work_size(n)]
+    start = work_size(n)
+    products = scratch[start : start + n * vectors].reshape((n, vectors))
     start += n * vectors
-    matrix = work[start : start + 6 * n].reshape((6, n))
-    scaled = work[start + 6 * n : start + 12 * n].reshape((6, n))
+    matrix = scratch[start : start + 6 * n].reshape((6, n))
+    scaled = scratch[start + 6 * n : start + 12 * n].reshape((6, n))
     for k in range(positions.shape[0]):
         for o in range(rotations.shape[0]):
             structure_matrix_into(
@@ -154,7 +154,7 @@ def capacity_loop(
                 task.weights,
                 task.points,
                 task.generators,
-                pack,
+                work,
                 products,
                 normals,
                 scaled,
@@ -162,10 +162,10 @@ def capacity_loop(
             )
 
 
-def capacity_work(task: CapacityTask) -> tuple[FloatArray, FloatArray]:
-    """Return scratch for `capacity_loop`: work and normals."""
+def capacity_scratch(task: CapacityTask) -> tuple[FloatArray, FloatArray]:
+    """Return what `capacity_loop` needs as scratch: one flat array, and normals."""
     n = task.base_points.shape[0]
-    size = pack_size(n) + n * (len(task.points) + len(task.generators) + n) + 12 * n
+    size = work_size(n) + n * (len(task.points) + len(task.generators) + n) + 12 * n
     return np.zeros(size), np.zeros((comb(n, 5), 6))
 
 
@@ -207,9 +207,11 @@ def capacity_along(
     points = finite_array("positions", positions, (None, 3))
     turns = finite_array("rotations", rotations, (points.shape[0], 3, 3))
     results = np.empty((points.shape[0], 1, RESULTS))
-    work, normals = capacity_work(task)
+    scratch, normals = capacity_scratch(task)
     for k in range(points.shape[0]):
-        capacity_loop(task, points[k : k + 1], turns[k : k + 1], work, normals, results[k : k + 1])
+        capacity_loop(
+            task, points[k : k + 1], turns[k : k + 1], scratch, normals, results[k : k + 1]
+        )
     return as_capacity(results[:, 0])
 
 

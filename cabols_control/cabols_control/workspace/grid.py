@@ -13,7 +13,7 @@ from cabols_control.checks import BoolArray, FloatArray, finite_array
 from cabols_control.errors import CabolsError, ShapeError
 
 from .bodies import InterferenceTask
-from .capacity import Capacity, CapacityTask, as_capacity, capacity_loop, capacity_work
+from .capacity import Capacity, CapacityTask, as_capacity, capacity_loop, capacity_scratch
 from .hyperplanes import RESULTS
 from .interference import Clearance, clearance_loop, clearance_work
 
@@ -131,7 +131,7 @@ def evaluate_piece(
     """Evaluate (k, 3) positions, each with all (o, 3, 3) rotations; one core."""
     shape = (positions.shape[0], rotations.shape[0])
     capacity, clearance = np.empty((*shape, RESULTS)), np.full((*shape, 3), np.inf)
-    capacity_loop(task, positions, rotations, *capacity_work(task), capacity)
+    capacity_loop(task, positions, rotations, *capacity_scratch(task), capacity)
     if bodies is not None:
         clearance_loop(bodies, positions, rotations, clearance_work(bodies), clearance)
     return Piece(capacity, clearance)

@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.tension import pack_pose
+from cabols_control.tension import prepare_pose
 from cabols_control.tension.kernels.static_size import compiled
 from cabols_control.tension.kernels.work_array import (
     CABLES,
@@ -97,7 +97,7 @@ def finish_result(out: FloatArray) -> None:
 
 @compiled
 def project_set(
-    pack: FloatArray, n: int, points: FloatArray, generators: FloatArray, products: FloatArray
+    work: FloatArray, n: int, points: FloatArray, generators: FloatArray, products: FloatArray
 ) -> None:
     """Fill products (n, q + p + n): rows of pinv(A) times the scaled set's vectors, and Gram.
 
@@ -108,18 +108,18 @@ def project_set(
     for k in range(6):
         row = inverse + k * n
         for j in range(n):
-            value = pack[row + j]
+            value = work[row + j]
             for v in range(q):
                 products[j, v] += value * points[v, k]
             for v in range(p):
                 products[j, q + v] += value * generators[v, k]
             for i in range(n):
-                products[j, q + p + i] += value * pack[row + i]
+                products[j, q + p + i] += value * work[row + i]
 
 
 @compiled
 def _facet(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     chosen: tuple[int, int, int],
     y: tuple[float, float, float],
@@ -141,7 +141,7 @@ def _facet(
     for c_index in range(3):
         cable = chosen[c_index]
         value = y[c_index]
-        at_low, at_high = value * pack[low + cable], value * pack[high + cable]
+        at_low, at_high = value * work[low + cable], value * work[high + cable]
         up += max(at_low, at_high)
         down -= min(at_low, at_high)
         ahead += max(value, 0.0)
@@ -156,45 +156,45 @@ def _facet(
 
 
 @compiled
-def capacity_of_pack(
-    pack: FloatArray,
+def capacity_of_prepared(
+    work: FloatArray,
     points: FloatArray,
     generators: FloatArray,
     products: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Result for a pose that `pack_pose` made ready, six to eight cables.
+    """Result for a pose that `prepare_pose` made ready, six to eight cables.
 
     Args:
-        pack: work array of the pose.
-        points: (q, 6) of the required set, times the pack's weights.
+        work: work array of the pose.
+        points: (q, 6) of the required set, times the weights in `work`.
         generators: (p, 6) of it, times the weights.
         products: (n, q + p + n) scratch.
         out: (RESULTS,) filled; see `capacity_at`.
     """
-    n, q = int(pack[CABLES]), points.shape[0]
-    project_set(pack, n, points, generators, products)
+    n, q = int(work[CABLES]), points.shape[0]
+    project_set(work, n, points, generators, products)
     start_result(out)
     nx = at_basis(n) + 6 * n
     ny = nx + n
     if n == 6:
         for i in range(n):
-            _facet(pack, n, (i, i, i), (1.0, 0.0, 0.0), q, products, out)
+            _facet(work, n, (i, i, i), (1.0, 0.0, 0.0), q, products, out)
     elif n == 7:
         for i in range(n):
             for j in range(i):
-                y = (-pack[nx + j], pack[nx + i], 0.0)
-                _facet(pack, n, (i, j, j), y, q, products, out)
+                y = (-work[nx + j], work[nx + i], 0.0)
+                _facet(work, n, (i, j, j), y, q, products, out)
     else:
         for i in range(n):
-            ax, ay = pack[nx + i], pack[ny + i]
+            ax, ay = work[nx + i], work[ny + i]
             for j in range(i):
-                bx, by = pack[nx + j], pack[ny + j]
+                bx, by = work[nx + j], work[ny + j]
                 cross = ax * by - ay * bx
                 for k in range(j):
-                    cx, cy = pack[nx + k], pack[ny + k]
+                    cx, cy = work[nx + k], work[ny + k]
                     y = (bx * cy - by * cx, cx * ay - cy * ax, cross)
-                    _facet(pack, n, (i, j, k), y, q, products, out)
+                    _facet(work, n, (i, j, k), y, q, products, out)
     finish_result(out)
 
 
@@ -299,7 +299,8 @@ def capacity_of_matrix(
     """Result for any structure matrix (m, n): every normal is solved for.
 
     A matrix without rank m carries no set in all directions: margin -inf, the rest zero.
-    Arguments as `capacity_of_pack`; normals is scratch for `facet_normals`, limits are (n,) [N].
+    Arguments as `capacity_of_prepared`; `normals` is scratch for `facet_normals`, limits are (n,)
+    [N].
     """
     m, n = matrix.shape
     start_result(out)
@@ -339,7 +340,7 @@ def capacity_at(
     weights: FloatArray,
     points: FloatArray,
     generators: FloatArray,
-    pack: FloatArray,
+    work: FloatArray,
     products: FloatArray,
     normals: FloatArray,
     scaled: FloatArray,
@@ -354,7 +355,7 @@ def capacity_at(
         weights: (6,) of the wrench components.
         points: (q, 6) of the required set, times the weights.
         generators: (p, 6) of it, times the weights.
-        pack: (pack_size(n),) scratch.
+        work: (work_size(n),) scratch.
         products: (n, q + p + n) scratch.
         normals: (C(n, 5), 6) scratch.
         scaled: (6, n) scratch.
@@ -364,9 +365,9 @@ def capacity_at(
             tensions of 0 to 1 can give; then scratch.
     """
     n = matrix.shape[1]
-    ready = pack_pose(matrix, low, high, weights, pack) == 0
-    if ready and n <= 8 and pack[TOLERANCE] <= WELL_CONDITIONED * pack[SCALE]:
-        capacity_of_pack(pack, points, generators, products, out)
+    ready = prepare_pose(matrix, low, high, weights, work) == 0
+    if ready and n <= 8 and work[TOLERANCE] <= WELL_CONDITIONED * work[SCALE]:
+        capacity_of_prepared(work, points, generators, products, out)
         return
     for k in range(6):
         for i in range(n):

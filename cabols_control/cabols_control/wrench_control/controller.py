@@ -12,7 +12,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
 from cabols_control.supervision.clock import clock_fault
 from cabols_control.supervision.modes import OperatingMode
-from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size, set_method
+from cabols_control.tension import DEFAULT_WEIGHTS, prepare_pose, set_method, work_size
 from cabols_control.tension.kernels.work_array import SHARE
 from cabols_control.wrench_control.law import WrenchLaw
 from cabols_control.wrench_control.tension_setpoint import DesiredTension, TensionReference
@@ -63,8 +63,8 @@ class WrenchController:
         self._law = WrenchLaw(rig.gains.proportional, rig.gains.integral, n)
         self._limits = (np.full(n, control.tension_min), np.full(n, control.tension_max))
         self._weights = np.array(DEFAULT_WEIGHTS)
-        self._pack = np.zeros(pack_size(n))
-        set_method(self._pack, n, control.tension_method, control.tension_exponent, share=0.0)
+        self._work = np.zeros(work_size(n))
+        set_method(self._work, n, control.tension_method, control.tension_exponent, share=0.0)
         self._matrix = np.zeros((6, n))
         # Pose arrays of its own: compiled code differs for those that come read-only.
         self._position, self._rotation = np.zeros(3), np.eye(3)
@@ -90,7 +90,7 @@ class WrenchController:
         points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
         self._position[:], self._rotation[:] = position, rotation
         structure_matrix_into(*points, self._position, self._rotation, self._matrix)
-        pack_pose(self._matrix, *self._limits, self._weights, self._pack)
+        prepare_pose(self._matrix, *self._limits, self._weights, self._work)
 
     def trip(self, reason: str) -> None:
         """Give the load up for a reason from outside; the first reason stays until LOADING ends."""
@@ -148,10 +148,10 @@ class WrenchController:
             start = measured if not self.active else self._law.control.copy()
             self._law.reset(start, self.desired, measured)
             if not self.active:
-                self._pack[SHARE] = 0.0
+                self._work[SHARE] = 0.0
             self.active = True
         self._fade(min(dt_s, LONGEST_STEP_S))
-        status = self._law.step(self.desired, measured, min(dt_s, LONGEST_STEP_S), self._pack)
+        status = self._law.step(self.desired, measured, min(dt_s, LONGEST_STEP_S), self._work)
         self.feasible = status == 0
         self.infeasible_cycles += status == 1
         self.tension[:] = self._law.tension
@@ -162,8 +162,8 @@ class WrenchController:
 
         At once would be a step of tens of newtons in every cable.
         """
-        share = self._pack[SHARE] + dt_s / self._rig.control.tension_fade
-        self._pack[SHARE] = min(share, 1.0)
+        share = self._work[SHARE] + dt_s / self._rig.control.tension_fade
+        self._work[SHARE] = min(share, 1.0)
 
     def _command_tensions(self, stamp_s: float, dt_s: float, wanted: DesiredTension | None) -> bool:
         """Command tensions instead of a wrench, if some are asked for (section 4.3)."""

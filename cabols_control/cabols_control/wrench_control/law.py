@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
-from cabols_control.tension import choose_packed
+from cabols_control.tension import choose_prepared
 
 
 @njit(cache=True)
@@ -16,7 +16,7 @@ def wrench_law_into(
     desired: FloatArray,
     measured: FloatArray,
     dt_s: float,
-    pack: FloatArray,
+    work: FloatArray,
     accumulated: FloatArray,
     control: FloatArray,
     tension: FloatArray,
@@ -30,7 +30,7 @@ def wrench_law_into(
         desired: (6,) [N, N m].
         measured: (6,) [N, N m].
         dt_s: time since the previous step [s].
-        pack: pose and tension limits, from cabols_control.tension.pack_pose, and the method of
+        work: pose and tension limits, from cabols_control.tension.prepare_pose, and the method of
             redundancy resolution, from set_method.
         accumulated: (6,) integral part of u [N, N m]; updated.
         control: (6,) output u [N, N m].
@@ -44,7 +44,7 @@ def wrench_law_into(
         error = desired[k] - measured[k]
         accumulated[k] += integral * error * dt_s
         control[k] = proportional * error + accumulated[k]
-    status = int(choose_packed(pack, control, tension, residual))
+    status = int(choose_prepared(work, control, tension, residual))
     if status == 1:
         # Anti-windup: the integral is set back to what the cables can give, so that it leaves
         # the limit as soon as the error turns.
@@ -81,7 +81,7 @@ class WrenchLaw:
         """
         self._accumulated[:] = control - self._proportional * (desired - measured)
 
-    def step(self, desired: FloatArray, measured: FloatArray, dt_s: float, pack: FloatArray) -> int:
+    def step(self, desired: FloatArray, measured: FloatArray, dt_s: float, work: FloatArray) -> int:
         """Advance by one sample; see wrench_law_into. Results are in control, tension, residual.
 
         A step whose input is not finite leaves the state as it was and returns 2; tension keeps
@@ -96,7 +96,7 @@ class WrenchLaw:
                 desired,
                 measured,
                 dt_s,
-                pack,
+                work,
                 self._accumulated,
                 self.control,
                 self.tension,

@@ -16,7 +16,7 @@ from cabols_control.checks import FloatArray, IntArray, finite_array
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.limb_control.law import gain_matrix, limb_law_into
 from cabols_control.rig import Rig
-from cabols_control.tension import DEFAULT_WEIGHTS, pack_pose, pack_size, set_method
+from cabols_control.tension import DEFAULT_WEIGHTS, prepare_pose, set_method, work_size
 from cabols_control.tension.kernels.work_array import SHARE
 from cabols_control.wrench_control.law import wrench_law_into
 from cabols_hw.bridge.scaling import quantise, wrench_into
@@ -83,7 +83,7 @@ class _Sensors(NamedTuple):
 
 class _Control(NamedTuple):
     matrix: FloatArray
-    pack: FloatArray
+    work: FloatArray
     proportional: float
     integral: float
     gains: FloatArray
@@ -148,14 +148,14 @@ def _run(
                 )
             accumulated[:] = tared
         # What the controllers do.
-        control.pack[SHARE] = min((k + 1) * PERIOD_S / control.fade, 1.0)
+        control.work[SHARE] = min((k + 1) * PERIOD_S / control.fade, 1.0)
         record.status[k] = wrench_law_into(
             control.proportional,
             control.integral,
             desired[k],
             measured,
             PERIOD_S,
-            control.pack,
+            control.work,
             accumulated,
             u,
             command,
@@ -260,13 +260,13 @@ def _sensors(card: CardConfig, plant: PlantConfig, samples: int, seed: int) -> _
 
 def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
     n = rig.geometry.cables
-    pack = np.zeros(pack_size(n))
+    work = np.zeros(work_size(n))
     limits = (np.full(n, rig.control.tension_min), np.full(n, rig.control.tension_max))
-    pack_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), pack)
-    set_method(pack, n, rig.control.tension_method, rig.control.tension_exponent, share=0.0)
+    prepare_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), work)
+    set_method(work, n, rig.control.tension_method, rig.control.tension_exponent, share=0.0)
     return _Control(
         matrix,
-        pack,
+        work,
         rig.gains.proportional,
         rig.gains.integral,
         gain_matrix(rig.gains.limbs),

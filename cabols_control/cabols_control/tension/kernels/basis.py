@@ -123,7 +123,7 @@ def orthonormal_rows(work: FloatArray, source: int, rows: int, factor: int, size
 
 
 @compiled
-def _reflect_rows(pack: FloatArray, size: Size) -> tuple[bool, float]:
+def _reflect_rows(work: FloatArray, size: Size) -> tuple[bool, float]:
     """Householder reflections that make diag(weights) A lower triangular.
 
     Works on a copy of the rows at `at_gram` (scratch until the Gram matrix is asked for). The
@@ -134,29 +134,29 @@ def _reflect_rows(pack: FloatArray, size: Size) -> tuple[bool, float]:
     n = cables(size)
     rows, scaled, triangle, total = at_gram(n), at_scaled(n), at_scratch(n), 0.0
     for i in range(6 * n):
-        pack[rows + i] = pack[scaled + i]
+        work[rows + i] = work[scaled + i]
     for k in range(6):
         row, direction, passed, square = rows + k * n, at_vector(n, 8 + k), 0.0, 0.0
         for i in range(n):
-            value = pack[row + i]
-            pack[direction + i] = 0.0 if i < k else value
+            value = work[row + i]
+            work[direction + i] = 0.0 if i < k else value
             passed += value * value if i < k else 0.0
             square += 0.0 if i < k else value * value
         for i in range(k):
-            pack[triangle + 6 * k + i] = pack[row + i]
+            work[triangle + 6 * k + i] = work[row + i]
         total += square + passed
         if not square > RANK_TOLERANCE * RANK_TOLERANCE * (square + passed):
             return False, total
-        length, head = math.sqrt(square), pack[row + k]
+        length, head = math.sqrt(square), work[row + k]
         signed = length if head > 0.0 else -length
-        pack[triangle + 7 * k] = -signed
-        pack[direction + k] = head + signed
+        work[triangle + 7 * k] = -signed
+        work[direction + k] = head + signed
         # Scaled to length sqrt(2), so that the reflection is I - v v^T.
         scale = 1.0 / math.sqrt(length * (length + abs(head)))
         for i in range(n):
-            pack[direction + i] *= scale
+            work[direction + i] *= scale
         for j in range(k + 1, 6):
-            _reflect(pack, direction, rows + j * n, size)
+            _reflect(work, direction, rows + j * n, size)
     return True, total
 
 
@@ -176,61 +176,61 @@ def _reflect(work: FloatArray, direction: int, row: int, size: Size) -> None:
 
 
 @compiled
-def _fill_basis(pack: FloatArray, size: Size) -> None:
+def _fill_basis(work: FloatArray, size: Size) -> None:
     """All n orthonormal rows, from the reflections: at most 12 n**2 multiplications."""
     n = cables(size)
     basis = at_basis(n)
     for j in range(n):
         for i in range(n):
-            pack[basis + j * n + i] = 1.0 if i == j else 0.0
+            work[basis + j * n + i] = 1.0 if i == j else 0.0
     for k in range(5, -1, -1):
         for j in range(k, n):
-            _reflect(pack, at_vector(n, 8 + k), basis + j * n, size)
+            _reflect(work, at_vector(n, 8 + k), basis + j * n, size)
 
 
 @compiled
-def _fill_inverse(pack: FloatArray, size: Size) -> float:
+def _fill_inverse(work: FloatArray, size: Size) -> float:
     """Transposed pseudo-inverse inv(L)^T Q by back substitution; returns its Frobenius norm."""
     n = cables(size)
     inverse, basis, factor = at_inverse(n), at_basis(n), at_scratch(n)
     total = 0.0
     for k in range(5, -1, -1):
-        scale = 1.0 / pack[factor + 7 * k]
+        scale = 1.0 / work[factor + 7 * k]
         for i in range(n):
-            pack[inverse + k * n + i] = pack[basis + k * n + i]
+            work[inverse + k * n + i] = work[basis + k * n + i]
         for j in range(k + 1, 6):
-            part = pack[factor + 6 * j + k]
+            part = work[factor + 6 * j + k]
             for i in range(n):
-                pack[inverse + k * n + i] -= part * pack[inverse + j * n + i]
+                work[inverse + k * n + i] -= part * work[inverse + j * n + i]
         for i in range(n):
-            pack[inverse + k * n + i] *= scale
-            total += pack[inverse + k * n + i] * pack[inverse + k * n + i]
+            work[inverse + k * n + i] *= scale
+            total += work[inverse + k * n + i] * work[inverse + k * n + i]
     return math.sqrt(total)
 
 
 @compiled
-def fill_gram(pack: FloatArray, size: Size) -> None:
+def fill_gram(work: FloatArray, size: Size) -> None:
     """Gram matrix of the scaled columns, once per pose, when the first wrench asks for it."""
     n = cables(size)
     scaled, gram = at_scaled(n), at_gram(n)
-    if pack[GRAM_MAX] >= 0.0:
+    if work[GRAM_MAX] >= 0.0:
         return
     for i in range(n):
         for j in range(n):
-            pack[gram + i * n + j] = 0.0
+            work[gram + i * n + j] = 0.0
         for k in range(6):
-            part = pack[scaled + k * n + i]
+            part = work[scaled + k * n + i]
             for j in range(n):
-                pack[gram + i * n + j] += part * pack[scaled + k * n + j]
+                work[gram + i * n + j] += part * work[scaled + k * n + j]
     largest = 0.0
     for i in range(n):
-        largest = max(largest, pack[gram + i * n + i])
-    pack[GRAM_MAX] = largest
+        largest = max(largest, work[gram + i * n + i])
+    work[GRAM_MAX] = largest
 
 
 @compiled
 def _copy_inputs(
-    pack: FloatArray,
+    work: FloatArray,
     size: Size,
     A: FloatArray,
     tension_min: FloatArray,
@@ -245,61 +245,61 @@ def _copy_inputs(
         low, high = tension_min[i], tension_max[i]
         zero += 0.0 * low + 0.0 * high
         ordered = ordered and low <= high
-        pack[limits + i] = low
-        pack[limits + n + i] = high
+        work[limits + i] = low
+        work[limits + n + i] = high
         scale = max(scale, abs(low), abs(high))
     for k in range(6):
         weight = weights[k]
-        pack[at_weights(n) + k] = weight
+        work[at_weights(n) + k] = weight
         zero += 0.0 * weight
         ordered = ordered and weight > 0.0
         for i in range(n):
             value = A[k, i]
             zero += 0.0 * value
-            pack[structure + k * n + i] = value
-            pack[scaled + k * n + i] = weight * value
-    pack[SCALE] = scale
+            work[structure + k * n + i] = value
+            work[scaled + k * n + i] = weight * value
+    work[SCALE] = scale
     # 0 * x is 0 for every finite x and NaN otherwise, so one comparison finds them all.
     return ordered and zero == 0.0
 
 
 @compiled
 def _prepare(
-    pack: FloatArray,
+    work: FloatArray,
     size: Size,
     A: FloatArray,
     tension_min: FloatArray,
     tension_max: FloatArray,
     weights: FloatArray,
 ) -> int:
-    """Do what `pack_pose` promises."""
+    """Do what `prepare_pose` promises."""
     n = cables(size)
-    pack[CABLES] = n
-    pack[STATE] = BROKEN
-    if not _copy_inputs(pack, size, A, tension_min, tension_max, weights):
+    work[CABLES] = n
+    work[STATE] = BROKEN
+    if not _copy_inputs(work, size, A, tension_min, tension_max, weights):
         return 2
-    pack[GRAM_MAX] = NOT_YET
-    pack[STATE] = DEFICIENT
-    pack[TOLERANCE] = FEASIBILITY_TOLERANCE * pack[SCALE]
-    full, square = _reflect_rows(pack, size)
+    work[GRAM_MAX] = NOT_YET
+    work[STATE] = DEFICIENT
+    work[TOLERANCE] = FEASIBILITY_TOLERANCE * work[SCALE]
+    full, square = _reflect_rows(work, size)
     if not full:
         return 1
-    _fill_basis(pack, size)
-    condition = math.sqrt(square) * _fill_inverse(pack, size)
+    _fill_basis(work, size)
+    condition = math.sqrt(square) * _fill_inverse(work, size)
     if not condition * RANK_TOLERANCE < 1.0:
         return 1
-    pack[TOLERANCE] = max(FEASIBILITY_TOLERANCE, 4.0 * ROUNDING * condition) * pack[SCALE]
-    pack[STATE] = READY
+    work[TOLERANCE] = max(FEASIBILITY_TOLERANCE, 4.0 * ROUNDING * condition) * work[SCALE]
+    work[STATE] = READY
     return 0
 
 
 @compiled
-def pack_pose(
+def prepare_pose(
     A: FloatArray,
     tension_min: FloatArray,
     tension_max: FloatArray,
     weights: FloatArray,
-    pack: FloatArray,
+    work: FloatArray,
 ) -> int:
     """Prepare everything that depends on the pose and the limits only.
 
@@ -308,13 +308,13 @@ def pack_pose(
         tension_min: (n,) lower limits [N].
         tension_max: (n,) upper limits [N].
         weights: (6,) positive weights of the wrench components in the nearest wrench.
-        pack: (pack_size(n),) work array, overwritten.
+        work: (work_size(n),) work array, overwritten.
 
     Returns:
         0 if ready, 1 if A is (nearly) rank-deficient (solved all the same, as a nearest wrench),
-        2 if something is not finite, min > max or a weight is not positive: `solve_packed`
+        2 if something is not finite, min > max or a weight is not positive: `solve_prepared`
         then answers 2. About 1200 multiplications for n = 8, whatever the numbers.
     """
     if A.shape[1] == 8:
-        return _prepare(pack, EIGHT, A, tension_min, tension_max, weights)
-    return _prepare(pack, A.shape[1], A, tension_min, tension_max, weights)
+        return _prepare(work, EIGHT, A, tension_min, tension_max, weights)
+    return _prepare(work, A.shape[1], A, tension_min, tension_max, weights)

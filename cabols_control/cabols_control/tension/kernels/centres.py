@@ -33,18 +33,18 @@ PINNED = 1e-4
 
 
 @compiled
-def move(pack: FloatArray, n: int, nullity: int, x: float, y: float, tension: FloatArray) -> None:
+def move(work: FloatArray, n: int, nullity: int, x: float, y: float, tension: FloatArray) -> None:
     """Add N (x, y) to the tensions."""
     rows = at_basis(n) + (n - nullity) * n
     for i in range(n):
-        tension[i] += pack[rows + i] * x
+        tension[i] += work[rows + i] * x
         if nullity == 2:
-            tension[i] += pack[rows + n + i] * y
+            tension[i] += work[rows + n + i] * y
 
 
 @compiled
 def _add_terms(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     nullity: int,
     i: int,
@@ -54,8 +54,8 @@ def _add_terms(
 ) -> None:
     """Add one cable's first and second derivative over its tension."""
     rows = at_basis(n) + (n - nullity) * n
-    ax = pack[rows + i]
-    ay = pack[rows + n + i] if nullity == 2 else 0.0
+    ax = work[rows + i]
+    ay = work[rows + n + i] if nullity == 2 else 0.0
     derivatives[0] += slope * ax
     derivatives[1] += slope * ay
     derivatives[2] += curve * ax * ax
@@ -81,23 +81,23 @@ def _newton_step(nullity: int, derivatives: FloatArray) -> tuple[float, float, f
 
 @compiled
 def _log_terms(
-    pack: FloatArray, n: int, nullity: int, tension: FloatArray, derivatives: FloatArray
+    work: FloatArray, n: int, nullity: int, tension: FloatArray, derivatives: FloatArray
 ) -> bool:
     """Fill the barrier's derivatives; False if a tension is on its limit."""
     low = at_limits(n)
     derivatives[:] = 0.0
     for i in range(n):
-        below, above = tension[i] - pack[low + i], pack[low + n + i] - tension[i]
+        below, above = tension[i] - work[low + i], work[low + n + i] - tension[i]
         if not (below > 0.0 and above > 0.0):
             return False
         below, above = 1.0 / below, 1.0 / above
-        _add_terms(pack, n, nullity, i, above - below, above * above + below * below, derivatives)
+        _add_terms(work, n, nullity, i, above - below, above * above + below * below, derivatives)
     return True
 
 
 @compiled
 def analytic_centre(
-    pack: FloatArray, n: int, nullity: int, tension: FloatArray, derivatives: FloatArray
+    work: FloatArray, n: int, nullity: int, tension: FloatArray, derivatives: FloatArray
 ) -> int:
     """Go from tensions strictly inside the limits to the analytic centre.
 
@@ -105,7 +105,7 @@ def analytic_centre(
     inside and the self-concordant barrier falls (Nesterov and Nemirovskii 1994).
 
     Args:
-        pack: work array of a pose that is ready.
+        work: work array of a pose that is ready.
         n: number of cables.
         nullity: n minus rank, 1 or 2.
         tension: (n,) start, then the centre [N].
@@ -115,11 +115,11 @@ def analytic_centre(
         Steps taken.
     """
     for step in range(STEPS):
-        if not _log_terms(pack, n, nullity, tension, derivatives):
+        if not _log_terms(work, n, nullity, tension, derivatives):
             return step
         x, y, square = _newton_step(nullity, derivatives)
         share = 1.0 if square < 0.0625 else 1.0 / (1.0 + math.sqrt(square))
-        move(pack, n, nullity, share * x, share * y, tension)
+        move(work, n, nullity, share * x, share * y, tension)
         if not square > _CLOSE:
             return step + 1
     return STEPS
@@ -127,7 +127,7 @@ def analytic_centre(
 
 @compiled
 def analytic_on_segment(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     start: tuple[float, float],
     end: tuple[float, float],
@@ -142,15 +142,15 @@ def analytic_on_segment(
     dx, dy = end[0] - start[0], end[1] - start[1]
     pinned = PINNED * math.sqrt(dx * dx + dy * dy)
     low, nx = at_limits(n), at_basis(n) + (n - 2) * n
-    move(pack, n, 2, 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tension)
+    move(work, n, 2, 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), tension)
     for step in range(STEPS):
         first, second = 0.0, 0.0
         for i in range(n):
-            slope = pack[nx + i] * dx + pack[nx + n + i] * dy
+            slope = work[nx + i] * dx + work[nx + n + i] * dy
             if abs(slope) < pinned:
                 continue
-            below = slope / max(tension[i] - pack[low + i], 1e-300)
-            above = slope / max(pack[low + n + i] - tension[i], 1e-300)
+            below = slope / max(tension[i] - work[low + i], 1e-300)
+            above = slope / max(work[low + n + i] - tension[i], 1e-300)
             first += above - below
             second += above * above + below * below
         if not second > 0.0:
@@ -158,7 +158,7 @@ def analytic_on_segment(
         square = first * first / second
         share = 1.0 if square < 0.0625 else 1.0 / (1.0 + math.sqrt(square))
         change = -share * first / second
-        move(pack, n, 2, change * dx, change * dy, tension)
+        move(work, n, 2, change * dx, change * dy, tension)
         if not square > _CLOSE:
             return step + 1
     return STEPS
@@ -166,7 +166,7 @@ def analytic_on_segment(
 
 @compiled
 def power_terms(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     nullity: int,
     tension: FloatArray,
@@ -180,27 +180,27 @@ def power_terms(
     d_i is cable i's deviation from the middle of its limits over half their distance. A cable
     whose limits nearly meet has nothing to choose and is left out.
     """
-    rows, low, scale = at_basis(n) + (n - nullity) * n, at_limits(n), pack[SCALE]
+    rows, low, scale = at_basis(n) + (n - nullity) * n, at_limits(n), work[SCALE]
     derivatives[:] = 0.0
     for i in range(n):
-        value = tension[i] + pack[rows + i] * x
+        value = tension[i] + work[rows + i] * x
         if nullity == 2:
-            value += pack[rows + n + i] * y
-        half = 0.5 * (pack[low + n + i] - pack[low + i])
+            value += work[rows + n + i] * y
+        half = 0.5 * (work[low + n + i] - work[low + i])
         if not half > NARROW * scale:
             continue
         stretch = scale / half
-        deviation = (value - pack[low + i]) / half - 1.0
+        deviation = (value - work[low + i]) / half - 1.0
         power = deviation * deviation
         if exponent != 4.0:
             power = abs(deviation) ** (exponent - 2.0)
         slope, curve = power * deviation * scale * stretch, power * stretch * stretch
-        _add_terms(pack, n, nullity, i, slope, (exponent - 1.0) * curve, derivatives)
+        _add_terms(work, n, nullity, i, slope, (exponent - 1.0) * curve, derivatives)
 
 
 @compiled
 def least_on_segment(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     nullity: int,
     tension: FloatArray,
@@ -218,7 +218,7 @@ def least_on_segment(
     lower, upper, s = 0.0, 1.0, 0.5
     for _ in range(STEPS):
         power_terms(
-            pack, n, nullity, tension, start[0] + s * dx, start[1] + s * dy, exponent, derivatives
+            work, n, nullity, tension, start[0] + s * dx, start[1] + s * dy, exponent, derivatives
         )
         slope = derivatives[0] * dx + derivatives[1] * dy
         curve = derivatives[2] * dx * dx + 2.0 * derivatives[3] * dx * dy + derivatives[4] * dy * dy
@@ -238,7 +238,7 @@ def least_on_segment(
 
 @compiled
 def least_on_boundary(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     tension: FloatArray,
     points: FloatArray,
@@ -250,7 +250,7 @@ def least_on_boundary(
     """Where on the polygon's boundary the p-norm is least, if it is least there.
 
     Args:
-        pack: work array of a pose that is ready.
+        work: work array of a pose that is ready.
         n: number of cables, rank + 2.
         tension: (n,) at z = 0 [N].
         points: corners, counter-clockwise.
@@ -264,7 +264,7 @@ def least_on_boundary(
     """
     for k in range(count):
         x, y = points[2 * k], points[2 * k + 1]
-        power_terms(pack, n, 2, tension, x, y, exponent, derivatives)
+        power_terms(work, n, 2, tension, x, y, exponent, derivatives)
         gradients[2 * k], gradients[2 * k + 1] = derivatives[0], derivatives[1]
     for k in range(count):
         following, before = (k + 1) % count, (k - 1) % count
@@ -278,7 +278,7 @@ def least_on_boundary(
             return True, x, y
         if ahead < 0.0 and gradients[2 * following] * dx + gradients[2 * following + 1] * dy > 0.0:
             end = (points[2 * following], points[2 * following + 1])
-            found = least_on_segment(pack, n, 2, tension, (x, y), end, exponent, derivatives)
+            found = least_on_segment(work, n, 2, tension, (x, y), end, exponent, derivatives)
             # Outwards of a counter-clockwise edge is (dy, -dx): there the norm must fall.
             if derivatives[0] * dy - derivatives[1] * dx <= 0.0:
                 return True, found[0], found[1]
@@ -287,7 +287,7 @@ def least_on_boundary(
 
 @compiled
 def least_inside(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     nullity: int,
     tension: FloatArray,
@@ -297,31 +297,31 @@ def least_inside(
 ) -> tuple[float, float]:
     """Point z of the least p-norm, limits ignored, by damped Newton steps from a start."""
     zx, zy = start
-    power_terms(pack, n, nullity, tension, zx, zy, exponent, derivatives)
+    power_terms(work, n, nullity, tension, zx, zy, exponent, derivatives)
     for _ in range(STEPS):
         x, y, square = _newton_step(nullity, derivatives)
         before, share = derivatives[0] * x + derivatives[1] * y, 1.0
         for _ in range(_HALVINGS):
             power_terms(
-                pack, n, nullity, tension, zx + share * x, zy + share * y, exponent, derivatives
+                work, n, nullity, tension, zx + share * x, zy + share * y, exponent, derivatives
             )
             # The slope rises along the step: steep at its end, the step went far too far.
             if derivatives[0] * x + derivatives[1] * y <= -0.9 * before:
                 break
             share *= 0.5
         zx, zy = zx + share * x, zy + share * y
-        if not square > 1e-24 * pack[SCALE] * pack[SCALE]:
+        if not square > 1e-24 * work[SCALE] * work[SCALE]:
             break
     return zx, zy
 
 
 @compiled
-def holds(pack: FloatArray, n: int, nullity: int, tension: FloatArray, x: float, y: float) -> bool:
+def holds(work: FloatArray, n: int, nullity: int, tension: FloatArray, x: float, y: float) -> bool:
     """Whether tension + N (x, y) keeps the limits."""
     rows, low, inside = at_basis(n) + (n - nullity) * n, at_limits(n), True
     for i in range(n):
-        value = tension[i] + pack[rows + i] * x
+        value = tension[i] + work[rows + i] * x
         if nullity == 2:
-            value += pack[rows + n + i] * y
-        inside = inside and pack[low + i] <= value <= pack[low + n + i]
+            value += work[rows + n + i] * y
+        inside = inside and work[low + i] <= value <= work[low + n + i]
     return inside

@@ -52,23 +52,23 @@ _PIVOT, _SIDE, _BASIS = _FACTOR + 36, _FACTOR + 42, _FACTOR + 48
 
 
 @compiled
-def _plane_eight(pack: FloatArray, null: int, tension: FloatArray) -> bool:
+def _plane_eight(work: FloatArray, null: int, tension: FloatArray) -> bool:
     """Least-norm tensions within the limits; `tension` is t0, then the answer.
 
     Args:
-        pack: work array of the pose.
+        work: work array of the pose.
         null: where the null space's orthonormal rows (2, 8) begin in it.
         tension: (8,) [N].
     """
-    threshold = VIOLATION * pack[SCALE]
+    threshold = VIOLATION * work[SCALE]
     zx, zy, clips = 0.0, 0.0, 0
     for i in range(_N):
-        ax, ay = pack[null + i], pack[null + _N + i]
+        ax, ay = work[null + i], work[null + _N + i]
         value = tension[i] + (ax * zx + ay * zy)
-        if value < pack[_LIMITS + i] - threshold:
-            bound = pack[_LIMITS + i]
-        elif value > pack[_LIMITS + _N + i] + threshold:
-            bound = pack[_LIMITS + _N + i]
+        if value < work[_LIMITS + i] - threshold:
+            bound = work[_LIMITS + i]
+        elif value > work[_LIMITS + _N + i] + threshold:
+            bound = work[_LIMITS + _N + i]
         else:
             continue
         square = ax * ax + ay * ay
@@ -78,10 +78,10 @@ def _plane_eight(pack: FloatArray, null: int, tension: FloatArray) -> bool:
         fx, fy = reach * ax, reach * ay
         lower, upper = -math.inf, math.inf
         for j in range(i):
-            bx, by = pack[null + j], pack[null + _N + j]
+            bx, by = work[null + j], work[null + _N + j]
             slope = by * ax - bx * ay
             at_foot = tension[j] + (bx * fx + by * fy)
-            low, high = pack[_LIMITS + j] - at_foot, pack[_LIMITS + _N + j] - at_foot
+            low, high = work[_LIMITS + j] - at_foot, work[_LIMITS + _N + j] - at_foot
             if not abs(slope) > PARALLEL:
                 if not (low <= threshold and high >= -threshold):
                     return NOT_PLAIN
@@ -95,142 +95,142 @@ def _plane_eight(pack: FloatArray, null: int, tension: FloatArray) -> bool:
         clips += i
         s = min(max(0.0, lower), upper)
         zx, zy = fx - s * ay, fy + s * ax
-    pack[ITERATIONS] = clips
+    work[ITERATIONS] = clips
     for i in range(_N):
-        value = tension[i] + (pack[null + i] * zx + pack[null + _N + i] * zy)
-        tension[i] = min(max(value, pack[_LIMITS + i]), pack[_LIMITS + _N + i])
+        value = tension[i] + (work[null + i] * zx + work[null + _N + i] * zy)
+        tension[i] = min(max(value, work[_LIMITS + i]), work[_LIMITS + _N + i])
     return PLAIN
 
 
 @compiled
-def solve_fixed_eight(pack: FloatArray, wrench: FloatArray, tension: FloatArray) -> bool:
-    """Tensions at the pose in `pack` (filled by pack_pose, READY), for a finite wrench (6,)."""
-    w0, w1 = wrench[0] * pack[_WEIGHTS], wrench[1] * pack[_WEIGHTS + 1]
-    w2, w3 = wrench[2] * pack[_WEIGHTS + 2], wrench[3] * pack[_WEIGHTS + 3]
-    w4, w5 = wrench[4] * pack[_WEIGHTS + 4], wrench[5] * pack[_WEIGHTS + 5]
+def solve_fixed_eight(work: FloatArray, wrench: FloatArray, tension: FloatArray) -> bool:
+    """Tensions at the pose in `work` (filled by prepare_pose, READY), for a finite wrench (6,)."""
+    w0, w1 = wrench[0] * work[_WEIGHTS], wrench[1] * work[_WEIGHTS + 1]
+    w2, w3 = wrench[2] * work[_WEIGHTS + 2], wrench[3] * work[_WEIGHTS + 3]
+    w4, w5 = wrench[4] * work[_WEIGHTS + 4], wrench[5] * work[_WEIGHTS + 5]
     for i in range(_N):
         k = _INVERSE + i
         tension[i] = (
-            (pack[k] * w0 + pack[k + 8] * w1) + (pack[k + 16] * w2 + pack[k + 24] * w3)
-        ) + (pack[k + 32] * w4 + pack[k + 40] * w5)
-    return bool(_plane_eight(pack, _NULL, tension))
+            (work[k] * w0 + work[k + 8] * w1) + (work[k + 16] * w2 + work[k + 24] * w3)
+        ) + (work[k + 32] * w4 + work[k + 40] * w5)
+    return bool(_plane_eight(work, _NULL, tension))
 
 
 @vectorised
-def _factor(pack: FloatArray) -> bool:
-    """L D L^T of A A^T from the structure matrix in `pack`; False if rows are nearly dependent."""
+def _factor(work: FloatArray) -> bool:
+    """L D L^T of A A^T from the structure matrix in `work`; False if rows are nearly dependent."""
     for i in range(6):
         for j in range(i + 1):
             total = 0.0
             for c in range(_N):
-                total += pack[_STRUCTURE + 8 * i + c] * pack[_STRUCTURE + 8 * j + c]
-            pack[_FACTOR + 6 * i + j] = total
+                total += work[_STRUCTURE + 8 * i + c] * work[_STRUCTURE + 8 * j + c]
+            work[_FACTOR + 6 * i + j] = total
     for j in range(6):
-        square = pack[_FACTOR + 7 * j]
+        square = work[_FACTOR + 7 * j]
         pivot = square
         for k in range(j):
-            pivot -= pack[_FACTOR + 6 * j + k] * pack[_FACTOR + 6 * k + j]
+            pivot -= work[_FACTOR + 6 * j + k] * work[_FACTOR + 6 * k + j]
         # Written so that NaN is not plain.
         if not pivot > INDEPENDENT * square:
             return NOT_PLAIN
         inverse = 1.0 / pivot
-        pack[_PIVOT + j] = inverse
+        work[_PIVOT + j] = inverse
         for i in range(j + 1, 6):
-            value = pack[_FACTOR + 6 * i + j]
+            value = work[_FACTOR + 6 * i + j]
             for k in range(j):
-                value -= pack[_FACTOR + 6 * i + k] * pack[_FACTOR + 6 * k + j]
+                value -= work[_FACTOR + 6 * i + k] * work[_FACTOR + 6 * k + j]
             # Above the diagonal D L^T, which the next columns need, below it L.
-            pack[_FACTOR + 6 * j + i] = value
-            pack[_FACTOR + 6 * i + j] = value * inverse
+            work[_FACTOR + 6 * j + i] = value
+            work[_FACTOR + 6 * i + j] = value * inverse
     return PLAIN
 
 
 @vectorised
-def _project(pack: FloatArray, out: FloatArray, start: int) -> None:
+def _project(work: FloatArray, out: FloatArray, start: int) -> None:
     """Write A^T inv(A A^T) y, y the right-hand side, to eight places of `out` from `start`."""
     for i in range(1, 6):
-        value = pack[_SIDE + i]
+        value = work[_SIDE + i]
         for k in range(i):
-            value -= pack[_FACTOR + 6 * i + k] * pack[_SIDE + k]
-        pack[_SIDE + i] = value
+            value -= work[_FACTOR + 6 * i + k] * work[_SIDE + k]
+        work[_SIDE + i] = value
     for i in range(6):
-        pack[_SIDE + i] *= pack[_PIVOT + i]
+        work[_SIDE + i] *= work[_PIVOT + i]
     for i in range(4, -1, -1):
-        value = pack[_SIDE + i]
+        value = work[_SIDE + i]
         for k in range(i + 1, 6):
-            value -= pack[_FACTOR + 6 * k + i] * pack[_SIDE + k]
-        pack[_SIDE + i] = value
-    y0, y1, y2 = pack[_SIDE], pack[_SIDE + 1], pack[_SIDE + 2]
-    y3, y4, y5 = pack[_SIDE + 3], pack[_SIDE + 4], pack[_SIDE + 5]
+            value -= work[_FACTOR + 6 * k + i] * work[_SIDE + k]
+        work[_SIDE + i] = value
+    y0, y1, y2 = work[_SIDE], work[_SIDE + 1], work[_SIDE + 2]
+    y3, y4, y5 = work[_SIDE + 3], work[_SIDE + 4], work[_SIDE + 5]
     for c in range(_N):
         k = _STRUCTURE + c
         out[start + c] = (
-            pack[k] * y0
-            + pack[k + 8] * y1
-            + pack[k + 16] * y2
-            + pack[k + 24] * y3
-            + pack[k + 32] * y4
-            + pack[k + 40] * y5
+            work[k] * y0
+            + work[k + 8] * y1
+            + work[k + 16] * y2
+            + work[k + 24] * y3
+            + work[k + 32] * y4
+            + work[k + 40] * y5
         )
 
 
 @vectorised
-def _null_rows(pack: FloatArray) -> bool:
+def _null_rows(work: FloatArray) -> bool:
     """Orthonormal rows (2, 8) of the null space, from the last two unit vectors."""
     x, y = _BASIS, _BASIS + _N
     for r in range(2):
         for i in range(6):
-            pack[_SIDE + i] = pack[_STRUCTURE + 8 * i + 6 + r]
-        _project(pack, pack, _BASIS + _N * r)
+            work[_SIDE + i] = work[_STRUCTURE + 8 * i + 6 + r]
+        _project(work, work, _BASIS + _N * r)
         for c in range(_N):
-            pack[_BASIS + _N * r + c] *= -1.0
-        pack[_BASIS + _N * r + 6 + r] += 1.0
+            work[_BASIS + _N * r + c] *= -1.0
+        work[_BASIS + _N * r + 6 + r] += 1.0
     xx, xy, yy = 0.0, 0.0, 0.0
     for c in range(_N):
-        xx += pack[x + c] * pack[x + c]
-        xy += pack[x + c] * pack[y + c]
+        xx += work[x + c] * work[x + c]
+        xy += work[x + c] * work[y + c]
     if not xx > WELL_PLACED:
         return NOT_PLAIN
     share = xy / xx
     for c in range(_N):
-        pack[y + c] -= share * pack[x + c]
-        yy += pack[y + c] * pack[y + c]
+        work[y + c] -= share * work[x + c]
+        yy += work[y + c] * work[y + c]
     if not yy > WELL_PLACED:
         return NOT_PLAIN
     sx, sy = 1.0 / math.sqrt(xx), 1.0 / math.sqrt(yy)
     for c in range(_N):
-        pack[x + c] *= sx
-        pack[y + c] *= sy
+        work[x + c] *= sx
+        work[y + c] *= sy
     return PLAIN
 
 
 @compiled
 def solve_pose_eight(
-    pack: FloatArray,
+    work: FloatArray,
     tension_min: FloatArray,
     tension_max: FloatArray,
     wrench: FloatArray,
     tension: FloatArray,
 ) -> bool:
-    """Tensions for one wrench (6,) at a new pose, whose structure matrix stands in `pack`.
+    """Tensions for one wrench (6,) at a new pose, whose structure matrix stands in `work`.
 
-    Nothing that outlives the call is prepared: for more wrenches at the pose use pack_pose.
+    Nothing that outlives the call is prepared: for more wrenches at the pose use prepare_pose.
     About 700 multiplications.
     """
-    if not _factor(pack):
+    if not _factor(work):
         return NOT_PLAIN
-    if not _null_rows(pack):
+    if not _null_rows(work):
         return NOT_PLAIN
     largest = 0.0
     for i in range(_N):
-        pack[_LIMITS + i], pack[_LIMITS + _N + i] = tension_min[i], tension_max[i]
+        work[_LIMITS + i], work[_LIMITS + _N + i] = tension_min[i], tension_max[i]
         largest = max(largest, abs(tension_min[i]), abs(tension_max[i]))
-    pack[SCALE] = largest
+    work[SCALE] = largest
     total = 0.0
     for i in range(6):
-        pack[_SIDE + i] = wrench[i]
+        work[_SIDE + i] = wrench[i]
         total += abs(wrench[i])
     if not (np.isfinite(total) and np.isfinite(largest)):
         return NOT_PLAIN
-    _project(pack, tension, 0)
-    return bool(_plane_eight(pack, _BASIS, tension))
+    _project(work, tension, 0)
+    return bool(_plane_eight(work, _BASIS, tension))

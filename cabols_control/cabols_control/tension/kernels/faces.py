@@ -24,14 +24,14 @@ PINNED = 15
 
 
 @compiled
-def _free_direction(pack: FloatArray, n: int) -> tuple[int, float, float]:
+def _free_direction(work: FloatArray, n: int) -> tuple[int, float, float]:
     """Direction in the plane that pinned cables leave: number of dimensions left, and itself."""
     pinned, nx, ny = at_vector(n, PINNED), at_basis(n) + 6 * n, at_basis(n) + 7 * n
     found, ax, ay = False, 0.0, 0.0
     for i in range(n):
-        if pack[pinned + i] == 0.0:
+        if work[pinned + i] == 0.0:
             continue
-        x, y = pack[nx + i], pack[ny + i]
+        x, y = work[nx + i], work[ny + i]
         if not found and x * x + y * y > ACROSS * ACROSS:
             found, ax, ay = True, x, y
         elif abs(ax * y - ay * x) > ACROSS:
@@ -43,39 +43,39 @@ def _free_direction(pack: FloatArray, n: int) -> tuple[int, float, float]:
 
 
 @compiled
-def _slide(pack: FloatArray, n: int, dx: float, dy: float, tension: FloatArray) -> None:
+def _slide(work: FloatArray, n: int, dx: float, dy: float, tension: FloatArray) -> None:
     """Least norm along one direction of the plane, from a point that keeps the limits."""
     limits, nx, ny = at_limits(n), at_basis(n) + 6 * n, at_basis(n) + 7 * n
     lower, upper, target = -math.inf, math.inf, 0.0
     for i in range(n):
-        slope = pack[nx + i] * dx + pack[ny + i] * dy
+        slope = work[nx + i] * dx + work[ny + i] * dy
         target -= slope * tension[i]
-        if abs(slope) < PARALLEL or pack[at_vector(n, PINNED) + i] != 0.0:
+        if abs(slope) < PARALLEL or work[at_vector(n, PINNED) + i] != 0.0:
             continue
-        start, end = (pack[limits + i] - tension[i]), (pack[limits + n + i] - tension[i])
+        start, end = (work[limits + i] - tension[i]), (work[limits + n + i] - tension[i])
         start, end = start / slope, end / slope
         lower, upper = max(lower, min(start, end)), min(upper, max(start, end))
     move = min(max(target, min(lower, 0.0)), max(upper, 0.0))
     for i in range(n):
-        if pack[at_vector(n, PINNED) + i] == 0.0:
-            tension[i] += move * (pack[nx + i] * dx + pack[ny + i] * dy)
+        if work[at_vector(n, PINNED) + i] == 0.0:
+            tension[i] += move * (work[nx + i] * dx + work[ny + i] * dy)
 
 
 @compiled
-def choose_on_line(pack: FloatArray, n: int, tension: FloatArray) -> bool:
+def choose_on_line(work: FloatArray, n: int, tension: FloatArray) -> bool:
     """Least norm on a face of a rank-6 pose with two degrees of redundancy, in closed form.
 
     Vector PINNED says which cables must stay. False, and nothing done, if no cable is pinned
     in a way that matters, so that the whole plane is left: for `choose_on_face`.
     """
-    left, dx, dy = _free_direction(pack, n)
+    left, dx, dy = _free_direction(work, n)
     if left == 1:
-        _slide(pack, n, dx, dy, tension)
+        _slide(work, n, dx, dy, tension)
     return left < 2
 
 
 @compiled
-def choose_on_face(pack: FloatArray, n: int, tension: FloatArray) -> None:
+def choose_on_face(work: FloatArray, n: int, tension: FloatArray) -> None:
     """Least norm on any face: null space of the columns that are not pinned, general solver.
 
     Arguments as `choose_on_line`; `tension` keeps the limits and its wrench.
@@ -84,27 +84,27 @@ def choose_on_face(pack: FloatArray, n: int, tension: FloatArray) -> None:
     rows = basis + n * n
     for k in range(6):
         for i in range(n):
-            free = 1.0 - pack[pinned + i]
-            pack[rows + k * n + i] = free * pack[scaled + k * n + i]
-    count = orthonormal_rows(pack, rows, basis, rows + 6 * n, n)
+            free = 1.0 - work[pinned + i]
+            work[rows + k * n + i] = free * work[scaled + k * n + i]
+    count = orthonormal_rows(work, rows, basis, rows + 6 * n, n)
     for i in range(n):
-        if pack[pinned + i] != 0.0:
+        if work[pinned + i] != 0.0:
             for j in range(n):
-                pack[basis + count * n + j] = 0.0
-            pack[basis + count * n + i] = 1.0
+                work[basis + count * n + j] = 0.0
+            work[basis + count * n + i] = 1.0
             count += 1
     if count >= n:
         return
-    complete_basis(pack, basis, count, n)
+    complete_basis(work, basis, count, n)
     for k in range(count, n):
         dot = 0.0
         for i in range(n):
-            dot += pack[basis + k * n + i] * tension[i]
+            dot += work[basis + k * n + i] * tension[i]
         for i in range(n):
-            tension[i] -= dot * pack[basis + k * n + i]
-        pack[at_vector(n, 7) + k] = dot
-    if least_norm(pack, n, basis + count * n, n - count, tension):
+            tension[i] -= dot * work[basis + k * n + i]
+        work[at_vector(n, 7) + k] = dot
+    if least_norm(work, n, basis + count * n, n - count, tension):
         return
     for k in range(count, n):  # nothing better found: back to where it came from
         for i in range(n):
-            tension[i] += pack[at_vector(n, 7) + k] * pack[basis + k * n + i]
+            tension[i] += work[at_vector(n, 7) + k] * work[basis + k * n + i]

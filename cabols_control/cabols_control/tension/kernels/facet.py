@@ -15,25 +15,25 @@ SIDE = 2
 
 
 @compiled
-def pin(pack: FloatArray, size: Size, i: int, side: float, tension: FloatArray) -> None:
+def pin(work: FloatArray, size: Size, i: int, side: float, tension: FloatArray) -> None:
     """Put cable i on a limit."""
     n = cables(size)
     limits = at_limits(n)
-    pack[at_vector(n, SIDE) + i] = side
-    tension[i] = pack[limits + i] if side < 0.0 else pack[limits + n + i]
+    work[at_vector(n, SIDE) + i] = side
+    tension[i] = work[limits + i] if side < 0.0 else work[limits + n + i]
 
 
 @compiled
 def _combine(
-    pack: FloatArray, row: int, ma: float, a: int, mb: float, b: int, mc: float, c: int
+    work: FloatArray, row: int, ma: float, a: int, mb: float, b: int, mc: float, c: int
 ) -> float:
     """Combination of three entries of one row."""
-    entry: float = ma * pack[row + a] + mb * pack[row + b] + mc * pack[row + c]
+    entry: float = ma * work[row + a] + mb * work[row + b] + mc * work[row + c]
     return entry
 
 
 @compiled
-def project_on_facet(pack: FloatArray, size: Size, target: Six, tension: FloatArray) -> bool:
+def project_on_facet(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> bool:
     """Project the wrench on the hyperplane that the conflict names; sides from what results.
 
     With multipliers m, sum m_i N_i = 0 over the conflict, y = pinv(B)^T m is the normal:
@@ -43,14 +43,14 @@ def project_on_facet(pack: FloatArray, size: Size, target: Six, tension: FloatAr
     n = cables(size)
     limits, inverse = at_limits(n), at_inverse(n)
     nx, ny, side = at_basis(n) + 6 * n, at_basis(n) + 7 * n, at_vector(n, SIDE)
-    a, b, c = int(pack[CONFLICT]), int(pack[CONFLICT + 1]), int(pack[CONFLICT + 2])
+    a, b, c = int(work[CONFLICT]), int(work[CONFLICT + 1]), int(work[CONFLICT + 2])
     b = max(b, 0)
-    ax, ay, bx, by = pack[nx + a], pack[ny + a], pack[nx + b], pack[ny + b]
-    at_a = pack[limits + a] if pack[CONFLICT_SIDE] < 0.0 else pack[limits + n + a]
-    at_b = pack[limits + b] if pack[CONFLICT_SIDE + 1] < 0.0 else pack[limits + n + b]
+    ax, ay, bx, by = work[nx + a], work[ny + a], work[nx + b], work[ny + b]
+    at_a = work[limits + a] if work[CONFLICT_SIDE] < 0.0 else work[limits + n + a]
+    at_b = work[limits + b] if work[CONFLICT_SIDE + 1] < 0.0 else work[limits + n + b]
     if c >= 0:
-        cx, cy = pack[nx + c], pack[ny + c]
-        at_c = pack[limits + c] if pack[CONFLICT_SIDE + 2] < 0.0 else pack[limits + n + c]
+        cx, cy = work[nx + c], work[ny + c]
+        at_c = work[limits + c] if work[CONFLICT_SIDE + 2] < 0.0 else work[limits + n + c]
         ma, mb, mc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
     else:
         c, at_c, mc = a, at_a, 0.0
@@ -58,12 +58,12 @@ def project_on_facet(pack: FloatArray, size: Size, target: Six, tension: FloatAr
     if ma == 0.0:  # a cable whose tension the wrench alone decides
         ma = 1.0
     gap = ma * (tension[a] - at_a) + mb * (tension[b] - at_b) + mc * (tension[c] - at_c)
-    y0 = _combine(pack, inverse, ma, a, mb, b, mc, c)
-    y1 = _combine(pack, inverse + n, ma, a, mb, b, mc, c)
-    y2 = _combine(pack, inverse + 2 * n, ma, a, mb, b, mc, c)
-    y3 = _combine(pack, inverse + 3 * n, ma, a, mb, b, mc, c)
-    y4 = _combine(pack, inverse + 4 * n, ma, a, mb, b, mc, c)
-    y5 = _combine(pack, inverse + 5 * n, ma, a, mb, b, mc, c)
+    y0 = _combine(work, inverse, ma, a, mb, b, mc, c)
+    y1 = _combine(work, inverse + n, ma, a, mb, b, mc, c)
+    y2 = _combine(work, inverse + 2 * n, ma, a, mb, b, mc, c)
+    y3 = _combine(work, inverse + 3 * n, ma, a, mb, b, mc, c)
+    y4 = _combine(work, inverse + 4 * n, ma, a, mb, b, mc, c)
+    y5 = _combine(work, inverse + 5 * n, ma, a, mb, b, mc, c)
     step = gap / ((y0 * y0 + y1 * y1) + (y2 * y2 + y3 * y3) + (y4 * y4 + y5 * y5))
     v0, v1, v2, v3, v4, v5 = target
     facet = (
@@ -74,7 +74,7 @@ def project_on_facet(pack: FloatArray, size: Size, target: Six, tension: FloatAr
         v4 - step * y4,
         v5 - step * y5,
     )
-    pseudo_inverse_tension(pack, size, facet, tension)
+    pseudo_inverse_tension(work, size, facet, tension)
     zx, zy, square = 0.0, 0.0, ax * ax + ay * ay
     if mc != 0.0:
         scale = 1.0 / mc
@@ -83,18 +83,18 @@ def project_on_facet(pack: FloatArray, size: Size, target: Six, tension: FloatAr
     elif square > PARALLEL * PARALLEL:
         reach = (at_a - tension[a]) / square
         zx, zy = reach * ax, reach * ay
-    good, margin = True, KEEPS * pack[SCALE]
+    good, margin = True, KEEPS * work[SCALE]
     for i in range(n):
-        value = tension[i] + (pack[nx + i] * zx + pack[ny + i] * zy)
-        low, high = pack[limits + i], pack[limits + n + i]
+        value = tension[i] + (work[nx + i] * zx + work[ny + i] * zy)
+        low, high = work[limits + i], work[limits + n + i]
         if value < low - margin:
-            pack[side + i], value, good = -1.0, low, False
+            work[side + i], value, good = -1.0, low, False
         elif value > high + margin:
-            pack[side + i], value, good = 1.0, high, False
+            work[side + i], value, good = 1.0, high, False
         else:
-            pack[side + i] = 0.0
+            work[side + i] = 0.0
         tension[i] = value
     for k in range(3):
-        if pack[CONFLICT + k] >= 0.0:
-            pin(pack, size, int(pack[CONFLICT + k]), pack[CONFLICT_SIDE + k], tension)
+        if work[CONFLICT + k] >= 0.0:
+            pin(work, size, int(work[CONFLICT + k]), work[CONFLICT_SIDE + k], tension)
     return good

@@ -26,28 +26,28 @@ _Z, _ACTIVE, _ACTIVE_SIDE, _MULTIPLIER, _STEP, _DIRECTION, _TAKEN = 8, 9, 10, 11
 
 @compiled
 def _value(
-    pack: FloatArray, n: int, basis: int, nullity: int, tension: FloatArray, i: int
+    work: FloatArray, n: int, basis: int, nullity: int, tension: FloatArray, i: int
 ) -> float:
     """Tension of cable i at the current z."""
     z = at_vector(n, _Z)
     value: float = tension[i]
     for k in range(nullity):
-        value += pack[basis + k * n + i] * pack[z + k]
+        value += work[basis + k * n + i] * work[z + k]
     return value
 
 
 @compiled
 def _worst_limit(
-    pack: FloatArray, n: int, basis: int, nullity: int, tension: FloatArray
+    work: FloatArray, n: int, basis: int, nullity: int, tension: FloatArray
 ) -> tuple[float, int, float]:
     """The most violated limit that is not active: violation, cable (-1: none), side."""
     limits, taken = at_limits(n), at_vector(n, _TAKEN)
-    worst, cable, side = _VIOLATION * pack[SCALE], -1, 0.0
+    worst, cable, side = _VIOLATION * work[SCALE], -1, 0.0
     for i in range(n):
-        if pack[taken + i] != 0.0:
+        if work[taken + i] != 0.0:
             continue
-        value = _value(pack, n, basis, nullity, tension, i)
-        low, high = pack[limits + i] - value, value - pack[limits + n + i]
+        value = _value(work, n, basis, nullity, tension, i)
+        low, high = work[limits + i] - value, value - work[limits + n + i]
         if low > worst:
             worst, cable, side = low, i, 1.0
         if high > worst:
@@ -57,7 +57,7 @@ def _worst_limit(
 
 @compiled
 def _dual_step(
-    pack: FloatArray, n: int, basis: int, nullity: int, count: int, cable: int, side: float
+    work: FloatArray, n: int, basis: int, nullity: int, count: int, cable: int, side: float
 ) -> tuple[float, float]:
     """Least-squares part of a limit's normal in the active ones, and what is left of it.
 
@@ -68,58 +68,58 @@ def _dual_step(
     step, direction, rows = at_vector(n, _STEP), at_vector(n, _DIRECTION), at_factor(n)
     whole = 0.0
     for k in range(nullity):
-        value = side * pack[basis + k * n + cable]
-        pack[direction + k] = value
+        value = side * work[basis + k * n + cable]
+        work[direction + k] = value
         whole += value * value
     triangle = at_triangle(n)
     for a in range(count):
         row = rows + a * n
         for k in range(nullity):
-            pack[row + k] = pack[sides + a] * pack[basis + k * n + int(pack[active + a])]
+            work[row + k] = work[sides + a] * work[basis + k * n + int(work[active + a])]
         for b in range(a):
             dot = 0.0
             for k in range(nullity):
-                dot += pack[row + k] * pack[rows + b * n + k]
-            pack[triangle + b * nullity + a] = dot
+                dot += work[row + k] * work[rows + b * n + k]
+            work[triangle + b * nullity + a] = dot
             for k in range(nullity):
-                pack[row + k] -= dot * pack[rows + b * n + k]
+                work[row + k] -= dot * work[rows + b * n + k]
         length = 0.0
         for k in range(nullity):
-            length += pack[row + k] * pack[row + k]
+            length += work[row + k] * work[row + k]
         length = math.sqrt(length)
-        pack[triangle + a * nullity + a] = length
+        work[triangle + a * nullity + a] = length
         dot = 0.0
         for k in range(nullity):
-            pack[row + k] /= length
-            dot += pack[row + k] * pack[direction + k]
-        pack[step + a] = dot
+            work[row + k] /= length
+            dot += work[row + k] * work[direction + k]
+        work[step + a] = dot
         for k in range(nullity):
-            pack[direction + k] -= dot * pack[row + k]
+            work[direction + k] -= dot * work[row + k]
     for a in range(count - 1, -1, -1):
         for b in range(a + 1, count):
-            pack[step + a] -= pack[triangle + a * nullity + b] * pack[step + b]
-        pack[step + a] /= pack[triangle + a * nullity + a]
+            work[step + a] -= work[triangle + a * nullity + b] * work[step + b]
+        work[step + a] /= work[triangle + a * nullity + a]
     left = 0.0
     for k in range(nullity):
-        left += pack[direction + k] * pack[direction + k]
+        left += work[direction + k] * work[direction + k]
     return left, whole
 
 
 @compiled
-def _drop(pack: FloatArray, n: int, count: int, place: int) -> None:
+def _drop(work: FloatArray, n: int, count: int, place: int) -> None:
     """Make the active limit at `place` inactive; the others keep their order."""
     active, sides = at_vector(n, _ACTIVE), at_vector(n, _ACTIVE_SIDE)
     multiplier = at_vector(n, _MULTIPLIER)
-    pack[at_vector(n, _TAKEN) + int(pack[active + place])] = 0.0
+    work[at_vector(n, _TAKEN) + int(work[active + place])] = 0.0
     for a in range(place, count - 1):
-        pack[active + a] = pack[active + a + 1]
-        pack[sides + a] = pack[sides + a + 1]
-        pack[multiplier + a] = pack[multiplier + a + 1]
+        work[active + a] = work[active + a + 1]
+        work[sides + a] = work[sides + a + 1]
+        work[multiplier + a] = work[multiplier + a + 1]
 
 
 @compiled
 def _activate(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     basis: int,
     nullity: int,
@@ -134,62 +134,62 @@ def _activate(
     """
     multiplier, step = at_vector(n, _MULTIPLIER), at_vector(n, _STEP)
     z, direction = at_vector(n, _Z), at_vector(n, _DIRECTION)
-    bound = pack[at_limits(n) + cable] if side > 0.0 else pack[at_limits(n) + n + cable]
+    bound = work[at_limits(n) + cable] if side > 0.0 else work[at_limits(n) + n + cable]
     own = 0.0
     for _ in range(n + 1):
-        left, whole = _dual_step(pack, n, basis, nullity, count, cable, side)
+        left, whole = _dual_step(work, n, basis, nullity, count, cable, side)
         movable = count < nullity and left > DEPENDENT * whole
         length, place = math.inf, -1
         for a in range(count):
-            if pack[step + a] > 0.0 and pack[multiplier + a] < length * pack[step + a]:
-                length, place = pack[multiplier + a] / pack[step + a], a
+            if work[step + a] > 0.0 and work[multiplier + a] < length * work[step + a]:
+                length, place = work[multiplier + a] / work[step + a], a
         if movable:
-            miss = side * (bound - _value(pack, n, basis, nullity, tension, cable))
+            miss = side * (bound - _value(work, n, basis, nullity, tension, cable))
             full = max(miss, 0.0) / left
             if full <= length:
                 length, place = full, -1
             for k in range(nullity):
-                pack[z + k] += length * pack[direction + k]
+                work[z + k] += length * work[direction + k]
         elif place < 0:
             return -1
         for a in range(count):
-            pack[multiplier + a] -= length * pack[step + a]
+            work[multiplier + a] -= length * work[step + a]
         own += length
         if place < 0:
-            pack[at_vector(n, _ACTIVE) + count] = cable
-            pack[at_vector(n, _ACTIVE_SIDE) + count] = side
-            pack[multiplier + count] = own
-            pack[at_vector(n, _TAKEN) + cable] = 1.0
+            work[at_vector(n, _ACTIVE) + count] = cable
+            work[at_vector(n, _ACTIVE_SIDE) + count] = side
+            work[multiplier + count] = own
+            work[at_vector(n, _TAKEN) + cable] = 1.0
             return count + 1
-        _drop(pack, n, count, place)
+        _drop(work, n, count, place)
         count -= 1
     return -1
 
 
 @compiled
-def least_norm(pack: FloatArray, n: int, basis: int, nullity: int, tension: FloatArray) -> bool:
+def least_norm(work: FloatArray, n: int, basis: int, nullity: int, tension: FloatArray) -> bool:
     """Any redundancy; `tension` is a point orthogonal to the null space, then the answer.
 
-    `basis` is where `nullity` orthonormal rows of n start in `pack`. Returns True if feasible;
+    `basis` is where `nullity` orthonormal rows of n start in `work`. Returns True if feasible;
     if not, `tension` is unchanged. At most STEPS_PER_CABLE * n limits are made active.
     """
     z, taken = at_vector(n, _Z), at_vector(n, _TAKEN)
     for i in range(n):
-        pack[z + i] = 0.0
-        pack[taken + i] = 0.0
+        work[z + i] = 0.0
+        work[taken + i] = 0.0
     count = 0
     for step in range(STEPS_PER_CABLE * n):
-        worst, cable, side = _worst_limit(pack, n, basis, nullity, tension)
-        pack[ITERATIONS] = step
+        worst, cable, side = _worst_limit(work, n, basis, nullity, tension)
+        work[ITERATIONS] = step
         if cable < 0:
             for i in range(n):
-                tension[i] = _value(pack, n, basis, nullity, tension, i)
+                tension[i] = _value(work, n, basis, nullity, tension, i)
             return True
-        grown = _activate(pack, n, basis, nullity, tension, count, cable, side)
+        grown = _activate(work, n, basis, nullity, tension, count, cable, side)
         if grown >= 0:
             count = grown
-        elif worst <= pack[TOLERANCE]:
-            pack[taken + cable] = 2.0
+        elif worst <= work[TOLERANCE]:
+            work[taken + cable] = 2.0
         else:
             return False
     return False

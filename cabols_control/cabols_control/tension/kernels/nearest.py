@@ -57,7 +57,7 @@ _GRADIENT, _LINEAR, _RHS, _BANNED = 3, 4, 6, 7
 
 
 @compiled
-def _factor(pack: FloatArray, size: Size) -> int:
+def _factor(work: FloatArray, size: Size) -> int:
     """L D L^T of the Gram matrix with the rows and columns of pinned cables taken out.
 
     Below the diagonal L, above it (L D)^T, on it 1 / D, which is 0 for pinned cables: so all
@@ -67,157 +67,157 @@ def _factor(pack: FloatArray, size: Size) -> int:
     n = cables(size)
     gram, factor, side = at_gram(n), at_factor(n), at_vector(n, SIDE)
     for a in range(n):
-        whole = pack[gram + a * n + a]
-        pivot, free = whole, pack[side + a] == 0.0
+        whole = work[gram + a * n + a]
+        pivot, free = whole, work[side + a] == 0.0
         for b in range(a):
-            value = pack[gram + a * n + b]
+            value = work[gram + a * n + b]
             for c in range(b):
-                value -= pack[factor + c * n + a] * pack[factor + b * n + c]
-            scaled = value * pack[factor + b * n + b]
-            pack[factor + b * n + a] = value
-            pack[factor + a * n + b] = scaled
+                value -= work[factor + c * n + a] * work[factor + b * n + c]
+            scaled = value * work[factor + b * n + b]
+            work[factor + b * n + a] = value
+            work[factor + a * n + b] = scaled
             pivot -= value * scaled
         if free and not pivot > INDEPENDENT * whole:
             return a
-        pack[factor + a * n + a] = 1.0 / pivot if free else 0.0
+        work[factor + a * n + a] = 1.0 / pivot if free else 0.0
     return -1
 
 
 @compiled
-def _substitute(pack: FloatArray, size: Size) -> None:
+def _substitute(work: FloatArray, size: Size) -> None:
     """Solve with the factor, right side and answer in scratch vector _RHS, 0 for the pinned."""
     n = cables(size)
     factor, rhs = at_factor(n), at_vector(n, _RHS)
     for a in range(n):
-        value = pack[rhs + a]
+        value = work[rhs + a]
         for b in range(a):
-            value -= pack[factor + a * n + b] * pack[rhs + b]
-        pack[rhs + a] = value
+            value -= work[factor + a * n + b] * work[rhs + b]
+        work[rhs + a] = value
     for a in range(n - 1, -1, -1):
-        pivot = pack[factor + a * n + a]
-        value = pack[rhs + a] * pivot
+        pivot = work[factor + a * n + a]
+        value = work[rhs + a] * pivot
         if pivot != 0.0:
             for b in range(a + 1, n):
-                value -= pack[factor + b * n + a] * pack[rhs + b]
-        pack[rhs + a] = value
+                value -= work[factor + b * n + a] * work[rhs + b]
+        work[rhs + a] = value
 
 
 @compiled
-def _factor_free(pack: FloatArray, size: Size, tension: FloatArray) -> None:
+def _factor_free(work: FloatArray, size: Size, tension: FloatArray) -> None:
     """Factor for the free cables; dependent ones are pinned to their nearest limit instead."""
     n = cables(size)
     limits = at_limits(n)
     for _ in range(n):
-        i = _factor(pack, size)
+        i = _factor(work, size)
         if i < 0:
             return
-        middle = 0.5 * (pack[limits + i] + pack[limits + n + i])
-        pin(pack, size, i, -1.0 if tension[i] < middle else 1.0, tension)
+        middle = 0.5 * (work[limits + i] + work[limits + n + i])
+        pin(work, size, i, -1.0 if tension[i] < middle else 1.0, tension)
 
 
 @compiled
-def _solve_free(pack: FloatArray, size: Size, tension: FloatArray) -> None:
+def _solve_free(work: FloatArray, size: Size, tension: FloatArray) -> None:
     """Tensions of the free cables that make their gradient zero, into scratch vector _RHS."""
     n = cables(size)
     gram, linear, side = at_gram(n), at_vector(n, _LINEAR), at_vector(n, SIDE)
     rhs = at_vector(n, _RHS)
     for i in range(n):
-        pack[rhs + i] = pack[linear + i]
+        work[rhs + i] = work[linear + i]
     for j in range(n):
-        held = tension[j] if pack[side + j] != 0.0 else 0.0
+        held = tension[j] if work[side + j] != 0.0 else 0.0
         for i in range(n):
-            pack[rhs + i] -= pack[gram + j * n + i] * held
-    _substitute(pack, size)
+            work[rhs + i] -= work[gram + j * n + i] * held
+    _substitute(work, size)
 
 
 @compiled
-def _fill_gradient(pack: FloatArray, size: Size, target: Six, tension: FloatArray) -> None:
+def _fill_gradient(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> None:
     """Gradient B^T (B t - v), from the residual: as accurate as the residual is."""
     n = cables(size)
     scaled, gradient = at_scaled(n), at_vector(n, _GRADIENT)
     for i in range(n):
-        pack[gradient + i] = 0.0
+        work[gradient + i] = 0.0
     for k in range(6):
         miss = -target[k]
         for i in range(n):
-            miss += pack[scaled + k * n + i] * tension[i]
+            miss += work[scaled + k * n + i] * tension[i]
         for i in range(n):
-            pack[gradient + i] += pack[scaled + k * n + i] * miss
+            work[gradient + i] += work[scaled + k * n + i] * miss
 
 
 @compiled
-def _fill_linear(pack: FloatArray, size: Size, target: Six) -> float:
+def _fill_linear(work: FloatArray, size: Size, target: Six) -> float:
     """Linear term q = B^T v; returns what counts as a zero gradient."""
     n = cables(size)
     scaled, linear = at_scaled(n), at_vector(n, _LINEAR)
     largest = 0.0
-    fill_gram(pack, size)
+    fill_gram(work, size)
     for i in range(n):
         value = 0.0
         for k in range(6):
-            value += pack[scaled + k * n + i] * target[k]
-        pack[linear + i] = value
+            value += work[scaled + k * n + i] * target[k]
+        work[linear + i] = value
         largest = max(largest, abs(value))
-    zero: float = GRADIENT * (largest + pack[GRAM_MAX] * pack[SCALE])
+    zero: float = GRADIENT * (largest + work[GRAM_MAX] * work[SCALE])
     return zero
 
 
 @compiled
-def _finish(pack: FloatArray, size: Size, tension: FloatArray, zero: float) -> int:
+def _finish(work: FloatArray, size: Size, tension: FloatArray, zero: float) -> int:
     """Refine the free tensions, keep the limits; CHOOSE if the least norm is open."""
     n = cables(size)
     limits, side, gradient = at_limits(n), at_vector(n, SIDE), at_vector(n, _GRADIENT)
     rhs, pinned, choice = at_vector(n, _RHS), at_vector(n, PINNED), False
     for i in range(n):
-        low, high = pack[limits + i], pack[limits + n + i]
-        pack[rhs + i] = -pack[gradient + i]
-        if pack[side + i] == 0.0:
-            pack[pinned + i] = 1.0 if low == high else 0.0
-        elif abs(pack[gradient + i]) > zero or low == high:
-            pack[pinned + i] = 1.0
+        low, high = work[limits + i], work[limits + n + i]
+        work[rhs + i] = -work[gradient + i]
+        if work[side + i] == 0.0:
+            work[pinned + i] = 1.0 if low == high else 0.0
+        elif abs(work[gradient + i]) > zero or low == high:
+            work[pinned + i] = 1.0
         else:
-            pack[pinned + i] = 0.0
+            work[pinned + i] = 0.0
             choice = True
-    _substitute(pack, size)
+    _substitute(work, size)
     for i in range(n):
-        moved = tension[i] + pack[rhs + i]
-        tension[i] = min(max(moved, pack[limits + i]), pack[limits + n + i])
+        moved = tension[i] + work[rhs + i]
+        tension[i] = min(max(moved, work[limits + i]), work[limits + n + i])
     return CHOOSE if choice else NOTHING
 
 
 @compiled
-def exchange_blocks(pack: FloatArray, size: Size, target: Six, tension: FloatArray) -> int:
+def exchange_blocks(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> int:
     """Exchange whole blocks until none is wrong; DESCEND if that does not settle.
 
     `tension` keeps the limits and agrees with the sides at the start and, if unsettled, at the end.
     """
     n = cables(size)
     limits, side, gradient = at_limits(n), at_vector(n, SIDE), at_vector(n, _GRADIENT)
-    rhs, margin = at_vector(n, _RHS), KEEPS * pack[SCALE]
-    fewest, patience, zero = n + 1, 3, _fill_linear(pack, size, target)
+    rhs, margin = at_vector(n, _RHS), KEEPS * work[SCALE]
+    fewest, patience, zero = n + 1, 3, _fill_linear(work, size, target)
     for _ in range(PIVOT_CAP):
-        _factor_free(pack, size, tension)
-        _solve_free(pack, size, tension)
+        _factor_free(work, size, tension)
+        _solve_free(work, size, tension)
         for i in range(n):
-            if pack[side + i] == 0.0:
-                tension[i] = pack[rhs + i]
-        _fill_gradient(pack, size, target, tension)
-        pack[ITERATIONS] += 1
+            if work[side + i] == 0.0:
+                tension[i] = work[rhs + i]
+        _fill_gradient(work, size, target, tension)
+        work[ITERATIONS] += 1
         wrong = 0
         for i in range(n):
-            low, high, which = pack[limits + i], pack[limits + n + i], pack[side + i]
+            low, high, which = work[limits + i], work[limits + n + i], work[side + i]
             if which == 0.0:
                 if not tension[i] >= low - margin:
-                    pin(pack, size, i, -1.0, tension)
+                    pin(work, size, i, -1.0, tension)
                     wrong += 1
                 elif not tension[i] <= high + margin:
-                    pin(pack, size, i, 1.0, tension)
+                    pin(work, size, i, 1.0, tension)
                     wrong += 1
-            elif which * pack[gradient + i] > zero and low < high:
-                pack[side + i] = 0.0
+            elif which * work[gradient + i] > zero and low < high:
+                work[side + i] = 0.0
                 wrong += 1
         if wrong == 0:
-            return _finish(pack, size, tension, zero)
+            return _finish(work, size, tension, zero)
         patience = 3 if wrong < fewest else patience - 1
         fewest = min(fewest, wrong)
         if patience < 0:
@@ -226,18 +226,18 @@ def exchange_blocks(pack: FloatArray, size: Size, target: Six, tension: FloatArr
 
 
 @compiled
-def _step_inside(pack: FloatArray, size: Size, tension: FloatArray) -> tuple[float, int]:
+def _step_inside(work: FloatArray, size: Size, tension: FloatArray) -> tuple[float, int]:
     """Go towards scratch vector _RHS until the first limit, which is pinned.
 
     Returns the part of the way gone and the cable that stopped it, -1 if none.
     """
     n = cables(size)
     limits, side, rhs = at_limits(n), at_vector(n, SIDE), at_vector(n, _RHS)
-    part, stopper, which, margin = 1.0, -1, 0.0, KEEPS * pack[SCALE]
+    part, stopper, which, margin = 1.0, -1, 0.0, KEEPS * work[SCALE]
     for i in range(n):
-        if pack[side + i] != 0.0:
+        if work[side + i] != 0.0:
             continue
-        goal, low, high = pack[rhs + i], pack[limits + i], pack[limits + n + i]
+        goal, low, high = work[rhs + i], work[limits + i], work[limits + n + i]
         if goal < low - margin:
             reach = (tension[i] - low) / (tension[i] - goal)
             if reach < part:
@@ -247,71 +247,71 @@ def _step_inside(pack: FloatArray, size: Size, tension: FloatArray) -> tuple[flo
             if reach < part:
                 part, stopper, which = max(reach, 0.0), i, 1.0
     for i in range(n):
-        if pack[side + i] == 0.0:
-            value = tension[i] + part * (pack[rhs + i] - tension[i])
-            tension[i] = min(max(value, pack[limits + i]), pack[limits + n + i])
+        if work[side + i] == 0.0:
+            value = tension[i] + part * (work[rhs + i] - tension[i])
+            tension[i] = min(max(value, work[limits + i]), work[limits + n + i])
     if stopper >= 0:
-        pin(pack, size, stopper, which, tension)
+        pin(work, size, stopper, which, tension)
     return part, stopper
 
 
 @compiled
-def descend(pack: FloatArray, size: Size, target: Six, tension: FloatArray) -> int:
+def descend(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> int:
     """Bounded-variable least squares from a point that keeps the limits."""
     n = cables(size)
     limits, side, gradient = at_limits(n), at_vector(n, SIDE), at_vector(n, _GRADIENT)
-    banned, fresh, zero = at_vector(n, _BANNED), -1, _fill_linear(pack, size, target)
+    banned, fresh, zero = at_vector(n, _BANNED), -1, _fill_linear(work, size, target)
     for i in range(n):
-        pack[banned + i] = 0.0
+        work[banned + i] = 0.0
     for _ in range(STEPS_PER_CABLE * n):
-        _factor_free(pack, size, tension)
-        _solve_free(pack, size, tension)
-        part, stopper = _step_inside(pack, size, tension)
-        pack[ITERATIONS] += 1
+        _factor_free(work, size, tension)
+        _solve_free(work, size, tension)
+        part, stopper = _step_inside(work, size, tension)
+        work[ITERATIONS] += 1
         # A cable that is freed and cannot move has a zero gradient but for rounding.
-        if fresh >= 0 and pack[side + fresh] != 0.0 and (stopper < 0 or part == 0.0):
-            pack[banned + fresh] = 1.0
+        if fresh >= 0 and work[side + fresh] != 0.0 and (stopper < 0 or part == 0.0):
+            work[banned + fresh] = 1.0
         elif part > 0.0 and stopper >= 0:
             for i in range(n):
-                pack[banned + i] = 0.0
+                work[banned + i] = 0.0
         fresh = -1
         if stopper >= 0:
             continue
-        _fill_gradient(pack, size, target, tension)
+        _fill_gradient(work, size, target, tension)
         worst = zero
         for i in range(n):
-            wrong = pack[side + i] * pack[gradient + i]
+            wrong = work[side + i] * work[gradient + i]
             if (
                 wrong > worst
-                and pack[banned + i] == 0.0
-                and pack[limits + i] < pack[limits + n + i]
+                and work[banned + i] == 0.0
+                and work[limits + i] < work[limits + n + i]
             ):
                 worst, fresh = wrong, i
         if fresh < 0:
             break
-        pack[side + fresh] = 0.0
-    return _finish(pack, size, tension, zero)
+        work[side + fresh] = 0.0
+    return _finish(work, size, tension, zero)
 
 
 @compiled
-def start_from_limits(pack: FloatArray, size: Size, tension: FloatArray) -> None:
+def start_from_limits(work: FloatArray, size: Size, tension: FloatArray) -> None:
     """Sides from the tensions without limits, or all at the lower limit for a deficient A."""
     n = cables(size)
     limits, side = at_limits(n), at_vector(n, SIDE)
     for i in range(n):
-        pack[side + i] = 0.0
-        if pack[STATE] != READY or not tension[i] > pack[limits + i]:
-            pin(pack, size, i, -1.0, tension)
-        elif not tension[i] < pack[limits + n + i]:
-            pin(pack, size, i, 1.0, tension)
+        work[side + i] = 0.0
+        if work[STATE] != READY or not tension[i] > work[limits + i]:
+            pin(work, size, i, -1.0, tension)
+        elif not tension[i] < work[limits + n + i]:
+            pin(work, size, i, 1.0, tension)
 
 
 @compiled
-def nearest_from_conflict(pack: FloatArray, size: Size, target: Six, tension: FloatArray) -> int:
+def nearest_from_conflict(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> int:
     """Tensions of the nearest feasible wrench, from the plane solver's conflict.
 
     Args:
-        pack: work array that `pack_pose` filled, with the conflict in its header.
+        work: work array that `prepare_pose` filled, with the conflict in its header.
         size: number of cables, as in sizes.py.
         target: six floats, the wrench times the weights.
         tension: (n,) pseudo-inverse tensions, overwritten by the answer, inside the limits.
@@ -321,13 +321,13 @@ def nearest_from_conflict(pack: FloatArray, size: Size, target: Six, tension: Fl
     """
     n = cables(size)
     limits, pinned = at_limits(n), at_vector(n, PINNED)
-    if not project_on_facet(pack, size, target, tension):
-        return exchange_blocks(pack, size, target, tension)
-    if pack[CONFLICT + 2] >= 0.0:
+    if not project_on_facet(work, size, target, tension):
+        return exchange_blocks(work, size, target, tension)
+    if work[CONFLICT + 2] >= 0.0:
         return NOTHING
     for i in range(n):
-        pack[pinned + i] = 1.0 if pack[limits + i] == pack[limits + n + i] else 0.0
+        work[pinned + i] = 1.0 if work[limits + i] == work[limits + n + i] else 0.0
     for k in range(2):
-        if pack[CONFLICT + k] >= 0.0:
-            pack[pinned + int(pack[CONFLICT + k])] = 1.0
+        if work[CONFLICT + k] >= 0.0:
+            work[pinned + int(work[CONFLICT + k])] = 1.0
     return CHOOSE

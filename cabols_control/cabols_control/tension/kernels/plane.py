@@ -9,7 +9,7 @@ An empty interval proves infeasibility. Every slab is taken at most once: at mos
 clips, 28 for n = 8, no cycling. The slab taken next is the one that is violated most, so that
 two or three of the eight are usually enough.
 
-These functions work on one pose's work array; see layout.py.
+These functions work on one pose's work array; see work_array.py.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ VIOLATION = 1e-15
 
 
 @compiled
-def pseudo_inverse_tension(pack: FloatArray, size: Size, wrench: Six, out: FloatArray) -> None:
+def pseudo_inverse_tension(work: FloatArray, size: Size, wrench: Six, out: FloatArray) -> None:
     """Write the least-norm tensions t0 for `wrench` (scaled by the weights), limits ignored."""
     n = cables(size)
     inverse = at_inverse(n)
     w0, w1, w2, w3, w4, w5 = wrench
     for i in range(n):
         out[i] = (
-            (pack[inverse + i] * w0 + pack[inverse + n + i] * w1)
-            + (pack[inverse + 2 * n + i] * w2 + pack[inverse + 3 * n + i] * w3)
-        ) + (pack[inverse + 4 * n + i] * w4 + pack[inverse + 5 * n + i] * w5)
+            (work[inverse + i] * w0 + work[inverse + n + i] * w1)
+            + (work[inverse + 2 * n + i] * w2 + work[inverse + 3 * n + i] * w3)
+        ) + (work[inverse + 4 * n + i] * w4 + work[inverse + 5 * n + i] * w5)
 
 
 @compiled
 def set_conflict(
-    pack: FloatArray,
+    work: FloatArray,
     first: int,
     first_side: float,
     second: int,
@@ -61,12 +61,12 @@ def set_conflict(
     third_side: float,
 ) -> None:
     """Note which limits contradict each other."""
-    pack[CONFLICT] = first
-    pack[CONFLICT_SIDE] = first_side
-    pack[CONFLICT + 1] = second
-    pack[CONFLICT_SIDE + 1] = second_side
-    pack[CONFLICT + 2] = third
-    pack[CONFLICT_SIDE + 2] = third_side
+    work[CONFLICT] = first
+    work[CONFLICT_SIDE] = first_side
+    work[CONFLICT + 1] = second
+    work[CONFLICT_SIDE + 1] = second_side
+    work[CONFLICT + 2] = third
+    work[CONFLICT_SIDE + 2] = third_side
 
 
 @compiled
@@ -91,27 +91,27 @@ def nearest_to_zero(lower: float, upper: float) -> float:
 
 
 @compiled
-def solve_point(pack: FloatArray, size: Size, tension: FloatArray) -> bool:
+def solve_point(work: FloatArray, size: Size, tension: FloatArray) -> bool:
     """No redundancy: `tension` holds the only solution; True if it keeps the limits."""
     n = cables(size)
-    limits, tolerance = at_limits(n), pack[TOLERANCE]
-    pack[ITERATIONS] = n
+    limits, tolerance = at_limits(n), work[TOLERANCE]
+    work[ITERATIONS] = n
     for i in range(n):
-        low, high = pack[limits + i] - tolerance, pack[limits + n + i] + tolerance
+        low, high = work[limits + i] - tolerance, work[limits + n + i] + tolerance
         if not low <= tension[i] <= high:
             return False
     return True
 
 
 @compiled
-def solve_line(pack: FloatArray, size: Size, tension: FloatArray) -> bool:
+def solve_line(work: FloatArray, size: Size, tension: FloatArray) -> bool:
     """One degree of redundancy: n clips of one interval; `tension` is t0, then the answer."""
     n = cables(size)
-    limits, basis, tolerance = at_limits(n), at_basis(n) + 6 * n, pack[TOLERANCE]
+    limits, basis, tolerance = at_limits(n), at_basis(n) + 6 * n, work[TOLERANCE]
     lower, lower_slope, upper, upper_slope = -math.inf, 1.0, math.inf, 1.0
-    pack[ITERATIONS] = n
+    work[ITERATIONS] = n
     for i in range(n):
-        slope, low, high = pack[basis + i], pack[limits + i], pack[limits + n + i]
+        slope, low, high = work[basis + i], work[limits + i], work[limits + n + i]
         if abs(slope) < PARALLEL:
             if tension[i] < low - tolerance or tension[i] > high + tolerance:
                 return False
@@ -130,13 +130,13 @@ def solve_line(pack: FloatArray, size: Size, tension: FloatArray) -> bool:
     else:
         z = nearest_to_zero(lower, upper)
     for i in range(n):
-        tension[i] += pack[basis + i] * z
+        tension[i] += work[basis + i] * z
     return True
 
 
 @compiled
 def _clip_line(
-    pack: FloatArray,
+    work: FloatArray,
     size: Size,
     tension: FloatArray,
     order: int,
@@ -151,9 +151,9 @@ def _clip_line(
     """
     n = cables(size)
     limits, nx, ny = at_limits(n), at_basis(n) + 6 * n, at_basis(n) + 7 * n
-    tolerance = pack[TOLERANCE]
-    ax, ay = pack[nx + active], pack[ny + active]
-    bound = pack[limits + active] if side < 0.0 else pack[limits + n + active]
+    tolerance = work[TOLERANCE]
+    ax, ay = work[nx + active], work[ny + active]
+    bound = work[limits + active] if side < 0.0 else work[limits + n + active]
     square = ax * ax + ay * ay
     reach = (bound - tension[active]) / square
     # Foot of the perpendicular from the origin, and the line's direction, as long as (ax, ay).
@@ -162,14 +162,14 @@ def _clip_line(
     lower, lower_slope, lower_at, lower_side = -math.inf, 1.0, -1, -1.0
     upper, upper_slope, upper_at, upper_side = math.inf, 1.0, -1, 1.0
     for k in range(taken):
-        j = int(pack[order + k])
-        slope = pack[nx + j] * dx + pack[ny + j] * dy
-        value = tension[j] + pack[nx + j] * fx + pack[ny + j] * fy
-        low, high = pack[limits + j] - value, pack[limits + n + j] - value
+        j = int(work[order + k])
+        slope = work[nx + j] * dx + work[ny + j] * dy
+        value = tension[j] + work[nx + j] * fx + work[ny + j] * fy
+        low, high = work[limits + j] - value, work[limits + n + j] - value
         if slope * slope < parallel:
             if low > tolerance or high < -tolerance:
                 which = -1.0 if low > tolerance else 1.0
-                set_conflict(pack, active, side, j, which, -1, 0.0)
+                set_conflict(work, active, side, j, which, -1, 0.0)
                 return fx, fy, False
             continue
         scale = 1.0 / slope
@@ -184,12 +184,12 @@ def _clip_line(
     if lower > upper:
         s, fits = meeting_point(lower, lower_slope, upper, upper_slope, tolerance)
         if not fits:
-            set_conflict(pack, active, side, lower_at, lower_side, upper_at, upper_side)
+            set_conflict(work, active, side, lower_at, lower_side, upper_at, upper_side)
     return fx + s * dx, fy + s * dy, fits
 
 
 @compiled
-def solve_plane(pack: FloatArray, size: Size, tension: FloatArray) -> bool:
+def solve_plane(work: FloatArray, size: Size, tension: FloatArray) -> bool:
     """Two degrees of redundancy; `tension` is t0, then the answer.
 
     Returns True if feasible. If not, the header holds the two or three limits that contradict
@@ -199,35 +199,35 @@ def solve_plane(pack: FloatArray, size: Size, tension: FloatArray) -> bool:
     limits, nx, ny = at_limits(n), at_basis(n) + 6 * n, at_basis(n) + 7 * n
     order = at_scratch(n)
     pending = order + n
-    threshold, tolerance = VIOLATION * pack[SCALE], pack[TOLERANCE]
+    threshold, tolerance = VIOLATION * work[SCALE], work[TOLERANCE]
     for i in range(n):
-        pack[pending + i] = 1.0
+        work[pending + i] = 1.0
     zx, zy, clips, taken = 0.0, 0.0, 0, 0
     for _ in range(n):
         worst, active, side = threshold, -1, 0.0
         for i in range(n):
-            value = tension[i] + (pack[nx + i] * zx + pack[ny + i] * zy)
-            miss_low, miss_high = pack[limits + i] - value, value - pack[limits + n + i]
-            miss = max(miss_low, miss_high) * pack[pending + i]
+            value = tension[i] + (work[nx + i] * zx + work[ny + i] * zy)
+            miss_low, miss_high = work[limits + i] - value, value - work[limits + n + i]
+            miss = max(miss_low, miss_high) * work[pending + i]
             if miss > worst:
                 worst, active, side = miss, i, (-1.0 if miss_low > miss_high else 1.0)
         if active < 0:
             break
-        if max(abs(pack[nx + active]), abs(pack[ny + active])) < PARALLEL:
+        if max(abs(work[nx + active]), abs(work[ny + active])) < PARALLEL:
             if worst > tolerance:
-                set_conflict(pack, active, side, -1, 0.0, -1, 0.0)
+                set_conflict(work, active, side, -1, 0.0, -1, 0.0)
                 return False
-            pack[pending + active] = 0.0
+            work[pending + active] = 0.0
             continue
-        zx, zy, fits = _clip_line(pack, size, tension, order, taken, active, side)
+        zx, zy, fits = _clip_line(work, size, tension, order, taken, active, side)
         clips += taken
-        pack[ITERATIONS] = clips
+        work[ITERATIONS] = clips
         if not fits:
             return False
-        pack[order + taken] = active
-        pack[pending + active] = 0.0
+        work[order + taken] = active
+        work[pending + active] = 0.0
         taken += 1
-    pack[ITERATIONS] = clips
+    work[ITERATIONS] = clips
     for i in range(n):
-        tension[i] += pack[nx + i] * zx + pack[ny + i] * zy
+        tension[i] += work[nx + i] * zx + work[ny + i] * zy
     return True

@@ -46,7 +46,7 @@ def _clip(
 
 @compiled
 def feasible_polygon(
-    pack: FloatArray,
+    work: FloatArray,
     n: int,
     tension: FloatArray,
     tolerance: float,
@@ -56,7 +56,7 @@ def feasible_polygon(
     """Corners of the polygon of z with tension + N z inside the limits.
 
     Args:
-        pack: work array of a pose that is ready, n = rank + 2.
+        work: work array of a pose that is ready, n = rank + 2.
         n: number of cables.
         tension: (n,) the tensions at z = 0 [N].
         tolerance: by which the limits are widened, against rounding [N].
@@ -70,14 +70,14 @@ def feasible_polygon(
     high, ny = low + n, nx + n
     reach = 0.0
     for i in range(n):
-        reach += max(abs(pack[low + i]), abs(pack[high + i])) + abs(tension[i])
+        reach += max(abs(work[low + i]), abs(work[high + i])) + abs(tension[i])
     points[0], points[1], points[2], points[3] = -reach, -reach, reach, -reach
     points[4], points[5], points[6], points[7] = reach, reach, -reach, reach
     count = 4
     for i in range(n):
-        ax, ay = pack[nx + i], pack[ny + i]
-        count = _clip(points, count, ax, ay, pack[high + i] - tension[i] + tolerance, other)
-        count = _clip(other, count, -ax, -ay, tension[i] - pack[low + i] + tolerance, points)
+        ax, ay = work[nx + i], work[ny + i]
+        count = _clip(points, count, ax, ay, work[high + i] - tension[i] + tolerance, other)
+        count = _clip(other, count, -ax, -ay, tension[i] - work[low + i] + tolerance, points)
     return count
 
 
@@ -98,7 +98,7 @@ def flat_ends(points: FloatArray, count: int) -> tuple[float, float, float, floa
 
 
 @compiled
-def centroid(pack: FloatArray, points: FloatArray, count: int) -> tuple[float, float, float]:
+def centroid(work: FloatArray, points: FloatArray, count: int) -> tuple[float, float, float]:
     """Centroid of a polygon of at least one corner, and twice its area; 0: it is flat."""
     ox, oy = points[0], points[1]
     area, sx, sy = 0.0, 0.0, 0.0
@@ -109,7 +109,7 @@ def centroid(pack: FloatArray, points: FloatArray, count: int) -> tuple[float, f
         area += part
         sx += part * (ax + bx)
         sy += part * (ay + by)
-    if area > FLAT * pack[SCALE] * pack[SCALE]:
+    if area > FLAT * work[SCALE] * work[SCALE]:
         return ox + sx / (3.0 * area), oy + sy / (3.0 * area), area
     ax, ay, bx, by = flat_ends(points, count)
     return 0.5 * (ax + bx), 0.5 * (ay + by), 0.0

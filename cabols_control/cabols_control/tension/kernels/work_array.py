@@ -106,6 +106,6 @@ def at_face(n: int) -> int:
 
 
 @compiled
-def pack_size(n: int) -> int:
+def work_size(n: int) -> int:
     """Length of the work array for n cables."""
     return at_face(n) + n * n + 6 * n + 36
