@@ -13,6 +13,7 @@ from cabols_control.configuration import packaged
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.ros import topics
+from cabols_control.stamps import set_time
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.ros.robot_stream import JOINT_NAMES, JointStateBytes
 from cabols_stiffness.analysis.bag import NEEDED
@@ -144,6 +145,6 @@ def _finish(writer: BagWriter, campaign: LongCampaign, message, point, now_ns: i
         (message.begin, begin_ns),
         (message.end, end_ns),
     ):
-        target.sec, target.nanosec = divmod(time_ns, 1_000_000_000)
+        set_time(target, time_ns)
     writer.write("reflector_measurement", now_ns, now_ns, serialize_message(reading))
     writer.write("stiffness_load", now_ns, now_ns, serialize_message(message))

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import struct
 from hashlib import sha256
 from pathlib import Path
 
 from cabols_control.bags.reader import iterate
-
-_STAMP = struct.Struct("<iI")
-_STAMP_AT = 4
-"""Every message here begins with a header, and that with its stamp, behind CDR's 4 bytes."""
+from cabols_control.stamps import first_stamp
 
 
 def payload_digest(folder: str | Path) -> dict[str, str]:
@@ -34,11 +30,7 @@ def payload_digest(folder: str | Path) -> dict[str, str]:
     digests = {}
     for topic, messages in sorted(payloads.items()):
         digest = sha256()
-        for data in sorted(messages, key=lambda data: (_stamp(data), data)):
+        for data in sorted(messages, key=lambda data: (first_stamp(data), data)):
             digest.update(data)
         digests[topic] = digest.hexdigest()
     return digests
-
-
-def _stamp(data: bytes) -> tuple[int, ...]:
-    return _STAMP.unpack_from(data, _STAMP_AT)

@@ -13,12 +13,13 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_typestore
 from rosbags.typesys.store import Typestore
 
-from cabols_control.bags.cdr import Column, decode
+from cabols_control.bags.columns import Column, decode
 from cabols_control.bags.definitions import parse_definition
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.metadata import custom_data, read_metadata
 from cabols_control.bags.names import absolute, relative
-from cabols_control.bags.salvage import Message, Scan, first_stamp
+from cabols_control.bags.salvage import Message, Scan
+from cabols_control.stamps import HEADER_STAMP, column_ns, first_stamp
 
 YEAR_NS = 365 * 24 * 3600 * 1_000_000_000
 
@@ -343,10 +344,8 @@ def _decode(name: str, channel: _Channel) -> dict[str, Column]:
 def _series(name: str, channel: _Channel, start_ns: int) -> Series:
     columns = _decode(name, channel)
     times = np.array(channel.times, np.int64).reshape(-1, 3)
-    seconds, nanoseconds = columns.get("header.stamp.sec"), columns.get("header.stamp.nanosec")
-    stamp_ns = np.zeros(0, np.int64)
-    if seconds is not None and nanoseconds is not None:
-        stamp_ns = np.asarray(seconds, np.int64) * 1_000_000_000 + np.asarray(nanoseconds, np.int64)
+    headed = f"{HEADER_STAMP}.sec" in columns
+    stamp_ns = column_ns(columns) if headed else np.zeros(0, np.int64)
     stamp: npt.NDArray[np.float64] = np.multiply(1e-9, stamp_ns - start_ns)
     if start_ns > YEAR_NS:
         stamp[stamp_ns == 0] = np.nan

@@ -237,10 +237,3 @@ def _cut_chunk(content: bytes) -> bytes:
     elif compression:
         return b""
     return body[:size]
-
-
-def first_stamp(data: bytes) -> int:
-    """Time of the header that a serialised message begins with [ns]."""
-    order = "<" if data[1] else ">"
-    seconds, nanoseconds = struct.unpack_from(order + "iI", data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)

@@ -1,41 +1,75 @@
 """CDR of fixed-size messages as numpy records: what a 1 kHz topic costs is a copy.
 
-A message whose sequences and strings have known lengths always has the same bytes but for its
-numbers. A Layout computes where they are, once, from the message's own definition; reading is
-then a view and writing an assignment, instead of building Python objects (OMG DDS-XTypes, CDR
-version 1, little endian: primitives align to their size from the end of the 4-byte header).
+A Layout computes once, from rclpy's definition of a message and the lengths of its sequences,
+where the numbers are (cabols_control.cdr); reading is then a view and writing an assignment,
+instead of building Python objects.
 """
 
 from __future__ import annotations
 
 import re
 from importlib import import_module
-from struct import Struct
 from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 
-STAMP, STAMP_FIELD = Struct("<iI"), "header.stamp.sec"
-HEADER = b"\x00\x01\x00\x00"
-PRIMITIVES = {
-    "boolean": "?",
-    "octet": "u1",
-    "uint8": "u1",
-    "int8": "i1",
-    "uint16": "<u2",
-    "int16": "<i2",
-    "uint32": "<u4",
-    "int32": "<i4",
-    "uint64": "<u8",
-    "int64": "<i8",
-    "float": "<f4",
-    "double": "<f8",
-}
+from cabols_control.cdr import (
+    LITTLE_ENDIAN_HEADER,
+    SEQUENCE,
+    STRING,
+    Field,
+    LayoutError,
+    Places,
+    record_type,
+)
+from cabols_control.stamps import HEADER_STAMP, SECOND_NS, STAMP
+
+_ARRAY = re.compile(r"(?:sequence<)?([\w/]+)(?:>|\[(\d+)\])")
 
 
-class LayoutError(ValueError):
-    """A message does not have the lengths that its layout is for."""
+class GivenContent:
+    """Lengths and strings that are known beforehand (cdr.Content)."""
+
+    def __init__(self, owner: str, lengths: dict[str, int], strings: dict[str, str]) -> None:
+        """Take them by dotted field name; `owner` is for error texts."""
+        self._owner = owner
+        self._lengths = lengths
+        self._strings = strings
+
+    def length(self, name: str, _offset: int, /) -> int:
+        """Return the length of a sequence."""
+        if name not in self._lengths:
+            raise LayoutError(f"{self._owner}.{name}: expected a length for it")
+        return self._lengths[name]
+
+    def text(self, name: str, _offset: int, /) -> bytes:
+        """Return a string, by default the empty one."""
+        return self._strings.get(name, "").encode() + b"\x00"
+
+
+def fields_of(msg_type: Any) -> tuple[Field, ...]:
+    """Translate rclpy's definition of a message class."""
+    found = []
+    for name, kind in msg_type.get_fields_and_field_types().items():
+        array = _ARRAY.fullmatch(kind)
+        base = array[1] if array else kind
+        count = None if array is None else int(array[2] or SEQUENCE)
+        package, slash, nested = base.partition("/")
+        inner = fields_of(getattr(import_module(f"{package}.msg"), nested)) if slash else base
+        found.append(Field(name, inner, count))
+    return tuple(found)
+
+
+def string_names(fields: tuple[Field, ...], prefix: str = "") -> list[str]:
+    """Return the dotted names of all single strings of a message."""
+    found = []
+    for field in fields:
+        if field.base == STRING and field.count is None:
+            found.append(prefix + field.name)
+        elif isinstance(field.base, tuple) and field.count is None:
+            found += string_names(field.base, f"{prefix}{field.name}.")
+    return found
 
 
 class Layout:
@@ -67,76 +101,29 @@ class Layout:
         self.msg_type = msg_type
         self._lengths = lengths or {}
         self._strings = strings or {}
-        self._names: list[str] = []
-        self._formats: list[Any] = []
-        self._offsets: list[int] = []
-        self._constants: list[tuple[int, bytes]] = [(0, HEADER)]
-        end = self._walk(msg_type, "", 4)
+        fields = fields_of(msg_type)
+        self._text_names = string_names(fields)
+        content = GivenContent(msg_type.__name__, self._lengths, self._strings)
+        places = Places(fields, content)
+        stamp_field = f"{HEADER_STAMP}.sec"
+        self._stamp_at = dict(zip(places.names, places.offsets, strict=True)).get(stamp_field, 0)
         for name, (first, count) in (joined or {}).items():
-            at = self._names.index(first)
-            self._names.append(name)
-            self._formats.append((self._formats[at], (count,)))
-            self._offsets.append(self._offsets[at])
-        self.size = end
-        self.dtype = np.dtype(
-            {
-                "names": self._names,
-                "formats": self._formats,
-                "offsets": self._offsets,
-                "itemsize": end,
-            }
-        )
-        self._stamp_at = dict(zip(self._names, self._offsets, strict=True)).get(STAMP_FIELD, 0)
+            at = places.names.index(first)
+            places.names.append(name)
+            places.formats.append((places.formats[at], (count,)))
+            places.offsets.append(places.offsets[at])
+        self.size = end = places.end
+        self.dtype = places.dtype(end)
         self.compiled_dtype = _for_compiled_code(self.dtype)
         template = bytearray(end)
         fixed = np.zeros(end, dtype=np.bool_)
-        for offset, value in self._constants:
+        for offset, value in ((0, LITTLE_ENDIAN_HEADER), *places.constants):
             template[offset : offset + len(value)] = value
             fixed[offset : offset + len(value)] = True
         self._template = bytes(template)
         # As integers, a whole message is compared in one go: half the cost of a numpy index.
         self._fixed = int.from_bytes((255 * fixed.astype(np.uint8)).tobytes(), "little")
         self._expected = int.from_bytes(self._template, "little") & self._fixed
-
-    def _walk(self, msg_type: Any, prefix: str, offset: int) -> int:
-        for name, kind in msg_type.get_fields_and_field_types().items():
-            offset = self._field(prefix + name, kind, offset)
-        return offset
-
-    def _field(self, name: str, kind: str, offset: int) -> int:
-        if kind in PRIMITIVES:
-            return self._numbers(name, PRIMITIVES[kind], None, offset)
-        if kind == "string":
-            text = self._strings.get(name, "").encode() + b"\x00"
-            offset = self._constant(np.uint32(len(text)), offset)
-            self._constants.append((offset, text))
-            return offset + len(text)
-        fixed = re.fullmatch(r"(\w+)\[(\d+)\]", kind)
-        if fixed:
-            return self._numbers(name, PRIMITIVES[fixed[1]], int(fixed[2]), offset)
-        sequence = re.fullmatch(r"sequence<(\w+)>", kind)
-        if sequence:
-            if name not in self._lengths:
-                raise LayoutError(f"{self.msg_type.__name__}.{name}: expected a length for it")
-            offset = self._constant(np.uint32(self._lengths[name]), offset)
-            return self._numbers(name, PRIMITIVES[sequence[1]], self._lengths[name], offset)
-        package, _, nested = kind.partition("/")
-        return self._walk(getattr(import_module(f"{package}.msg"), nested), name + ".", offset)
-
-    def _constant(self, value: np.uint32, offset: int) -> int:
-        offset = _align(offset, 4)
-        self._constants.append((offset, value.astype("<u4").tobytes()))
-        return offset + 4
-
-    def _numbers(self, name: str, code: str, count: int | None, offset: int) -> int:
-        size = np.dtype(code).itemsize
-        if count == 0:
-            return offset
-        offset = _align(offset, size)
-        self._names.append(name)
-        self._formats.append(code if count is None else (code, (count,)))
-        self._offsets.append(offset)
-        return offset + size * (count or 1)
 
     def record(self) -> Record:
         """Return a writable message, all numbers zero."""
@@ -172,7 +159,7 @@ class Layout:
         except Exception as error:
             raise LayoutError(f"{self.msg_type.__name__}: not readable ({error})") from error
         self._check_lengths(message)
-        for name in self._string_names():
+        for name in self._text_names:
             owner, _, last = name.rpartition(".")
             target = message
             for part in owner.split(".") if owner else []:
@@ -183,7 +170,7 @@ class Layout:
     def stamp_of(self, laid_out: bytes) -> int:
         """Header's time of a message in this layout [ns]."""
         seconds, nanoseconds = STAMP.unpack_from(laid_out, self._stamp_at)
-        return int(seconds) * 1_000_000_000 + int(nanoseconds)
+        return int(seconds) * SECOND_NS + int(nanoseconds)
 
     def matches(self, raw: bytes) -> bool:
         """Whether a message has just the lengths and strings of this layout."""
@@ -194,7 +181,7 @@ class Layout:
     def strings(self, raw: bytes) -> dict[str, str]:
         """Return the message's strings by dotted name, e.g. to check a frame; slow."""
         message = deserialize_message(raw, self.msg_type)
-        return {name: _follow(message, name) for name in self._string_names()}
+        return {name: _follow(message, name) for name in self._text_names}
 
     def _check_lengths(self, message: Any) -> None:
         for name, length in self._lengths.items():
@@ -203,17 +190,6 @@ class Layout:
                 raise LayoutError(
                     f"{self.msg_type.__name__}.{name}: expected {length} values, got {actual}"
                 )
-
-    def _string_names(self, msg_type: Any = None, prefix: str = "") -> list[str]:
-        found = []
-        for name, kind in (msg_type or self.msg_type).get_fields_and_field_types().items():
-            if kind == "string":
-                found.append(prefix + name)
-            elif "/" in kind and "<" not in kind and "[" not in kind:
-                package, _, nested = kind.partition("/")
-                inner = getattr(import_module(f"{package}.msg"), nested)
-                found += self._string_names(inner, f"{prefix}{name}.")
-        return found
 
 
 class Record:
@@ -238,10 +214,10 @@ class Record:
         """Return the writable array of one field; scalars have length one."""
         return self._views[name]
 
-    def stamp(self, time_ns: int, prefix: str = "header.stamp") -> None:
+    def stamp(self, time_ns: int, prefix: str = HEADER_STAMP) -> None:
         """Write a time."""
-        self._views[prefix + ".sec"][0] = time_ns // 1_000_000_000
-        self._views[prefix + ".nanosec"][0] = time_ns % 1_000_000_000
+        self._views[prefix + ".sec"][0] = time_ns // SECOND_NS
+        self._views[prefix + ".nanosec"][0] = time_ns % SECOND_NS
 
     def raw(self) -> bytes:
         """Return the bytes to publish."""
@@ -256,19 +232,7 @@ def _for_compiled_code(dtype: Any) -> Any:
         base, shape = kind.subdtype or (kind, ())
         formats.append((np.dtype(np.uint8) if base == np.bool_ else base, shape))
         offsets.append(offset)
-    return np.dtype(
-        {
-            "names": list(dtype.names or ()),
-            "formats": formats,
-            "offsets": offsets,
-            "itemsize": dtype.itemsize,
-        }
-    )
-
-
-def _align(offset: int, size: int) -> int:
-    """Next multiple of size, counted from the end of the 4-byte CDR header."""
-    return 4 + -(-(offset - 4) // size) * size
+    return record_type(list(dtype.names or ()), formats, offsets, dtype.itemsize)
 
 
 def _follow(message: Any, name: str) -> Any:

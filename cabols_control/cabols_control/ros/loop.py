@@ -12,8 +12,9 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from cabols_control.cdr import LayoutError
 from cabols_control.ros.guarded_thread import GuardedThread
-from cabols_control.ros.layout import Layout, LayoutError
+from cabols_control.ros.layout import Layout
 
 IDLE_NS = 50_000_000
 GAP_NS = 500_000

@@ -14,12 +14,12 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.metadata import OfferedQos
-from cabols_control.bags.salvage import first_stamp
 from cabols_control.bags.writer import BagWriter
 from cabols_control.realtime.scheduling import be_ordinary, collect_young
 from cabols_control.ros.loop import IDLE_NS, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode
 from cabols_control.ros.recorded_topic import Item, Tap
+from cabols_control.stamps import first_stamp
 
 GATHER_S = 0.02
 """How long messages gather before all are taken; the middleware stamps their reception."""

@@ -23,6 +23,7 @@ from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import status_qos
+from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
@@ -311,8 +312,7 @@ class AbbTrackerBridge(ControlNode):
         middle_ns = self._stream.now_ns() - round(0.5e9 * request.averaging_time)
         if self._robot_clock and reading is not None and reading.time_ns:
             middle_ns = int(reading.time_ns)
-        message.header.stamp.sec = max(middle_ns, 0) // 10**9
-        message.header.stamp.nanosec = max(middle_ns, 0) % 10**9
+        set_time(message.header.stamp, max(middle_ns, 0))
         message.header.frame_id = self._tracker_frame
         good = reading is not None and bool(reading.success)
         position = np.asarray(reading.position) if good else np.full(3, np.nan)

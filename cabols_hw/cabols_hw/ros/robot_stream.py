@@ -18,6 +18,7 @@ from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
 
@@ -41,8 +42,7 @@ class JointStateBytes:
 
     def raw(self, stamp_ns: int, positions: Sequence[float]) -> bytes:
         """Return the bytes to publish, for a time [ns] and angles [rad]."""
-        # Behind the four bytes of CDR header: sec, nanosec.
-        struct.pack_into("<iI", self._raw, 4, stamp_ns // 10**9, stamp_ns % 10**9)
+        STAMP.pack_into(self._raw, STAMP_AT, *divmod(stamp_ns, SECOND_NS))
         self._format.pack_into(self._raw, self._at, *positions)
         return bytes(self._raw)
 

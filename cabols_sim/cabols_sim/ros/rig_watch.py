@@ -25,6 +25,7 @@ from cabols_control.ros import topics, transport
 from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Input, make_wait_set, wait
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.stamps import time_ns
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
@@ -43,10 +44,6 @@ class RigError(CabolsError):
 
 class AbandonedError(Exception):
     """The watch was abandoned: whatever is under way ends, and is not tried again."""
-
-
-def _seconds(message: Any) -> float:
-    return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
 class RigWatch:
@@ -140,7 +137,9 @@ class RigWatch:
         self._heard[message.node] = message.reason
         if new and message.reason:
             # Nodes beside the path of samples stamp by clocks of their own.
-            stamp_s = _seconds(message) if message.node in IN_PATH else self.now_s
+            stamp_s = (
+                1e-9 * time_ns(message.header.stamp) if message.node in IN_PATH else self.now_s
+            )
             self.complain(Report(stamp_s, message.node, message.reason, fault))
 
     def _hear_mode(self, message: Mode) -> None:

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.bags.cdr import Column
+from cabols_control.bags.columns import Column
 from cabols_control.bags.metadata import custom_data, read_metadata
 from cabols_control.bags.names import relative
 from cabols_control.bags.reader import batches
 from cabols_control.geometry import load_geometry
+from cabols_control.stamps import column_ns
 from cabols_stiffness.campaign.plan import CampaignPlan
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measurements.measured_load import MeasuredLoad
@@ -149,7 +150,7 @@ class _Reader:
 
     def _take_wrenches(self, columns: Mapping[str, Column]) -> None:
         _check_frames(self._bag, "wrench", columns, {self._frame})
-        stamps = _stamps(columns)
+        stamps = column_ns(columns)
         self._wrenches.add(stamps, np.column_stack([columns[name] for name in WRENCH]))
         self.found.wrenches += stamps.size
         if self._first_ns < 0:
@@ -163,7 +164,7 @@ class _Reader:
                 f"{self._bag}: joint_states: expected six positions, got {sizes}; is it another "
                 "robot's topic?"
             )
-        self._joints.add(_stamps(columns), angles)
+        self._joints.add(column_ns(columns), angles)
 
     def _take_readings(self, columns: Mapping[str, Column]) -> None:
         self._tracker_frames.update(columns["header.frame_id"])
@@ -173,7 +174,7 @@ class _Reader:
                 f"{self._bag}: reflector_measurement: expected one tracker's frame, got "
                 f"{', '.join(sorted(self._tracker_frames))}"
             )
-        stamps = _stamps(columns)
+        stamps = column_ns(columns)
         for row in np.flatnonzero(np.asarray(columns["success"])):
             position = [columns[f"position.{axis}"][row] for axis in "xyz"]
             self._readings.append(
@@ -186,7 +187,7 @@ class _Reader:
             )
 
     def _take_loads(self, columns: Mapping[str, Column]) -> None:
-        begins, ends = _stamps(columns, "begin"), _stamps(columns, "end")
+        begins, ends = column_ns(columns, "begin"), column_ns(columns, "end")
         for row in range(begins.size):
             configuration, reflector, load, group, branch = (
                 int(columns[name][row])
@@ -243,11 +244,6 @@ class _Reader:
             raise CampaignError(f"{self._bag}: configuration {what}: {error}") from error
         place = (reading["position"], reading["covariance"])
         return MeasuredLoad(*load.whole, load.begin_ns, load.end_ns, load.tension, mean, *place)
-
-
-def _stamps(columns: Mapping[str, Column], prefix: str = "header.stamp") -> np.ndarray:
-    seconds = np.asarray(columns[f"{prefix}.sec"], dtype=np.int64)
-    return seconds * 1_000_000_000 + np.asarray(columns[f"{prefix}.nanosec"], dtype=np.int64)
 
 
 def _check_frames(

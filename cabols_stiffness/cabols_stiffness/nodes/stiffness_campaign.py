@@ -26,6 +26,7 @@ from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.analysis.bag import read_loads
 from cabols_stiffness.campaign.journal import PLAN, Journal
@@ -287,8 +288,7 @@ class StiffnessCampaignNode(ControlNode):
         run, message = self._run, self._last
         message.active = run is not None
         message.folder, message.accuracy = self._shown_folder, self._accuracy
-        now_ns = max(self._intake.now_ns, 0)
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, 1_000_000_000)
+        set_time(message.header.stamp, max(self._intake.now_ns, 0))
         if run is not None:
             standing = run.standing
             message.phase, message.note = standing.phase, standing.note

@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from cabols_msgs.msg import StiffnessLoad
@@ -16,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from cabols_control.checks import FloatArray
 from cabols_control.kinematics import structure_matrix
 from cabols_control.ros.node import ControlNode
+from cabols_control.stamps import set_time, time_ns
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.campaign.flow import Flow
 from cabols_stiffness.campaign.journal import Journal
@@ -294,12 +294,11 @@ class CampaignRun:
             intake.bag.add("reflector_measurement", serialize_message(found), time.time_ns())
         if reason:
             raise CampaignError(f"reflector {key.reflector}: {reason}")
-        stamp = found.header.stamp
-        middle_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        middle_ns = time_ns(found.header.stamp)
         half_ns = round(0.5e9 * plan.averaging_time)
         begin_ns, end_ns = middle_ns - half_ns, middle_ns + half_ns
-        _set_time(message.begin, begin_ns)
-        _set_time(message.end, end_ns)
+        set_time(message.begin, begin_ns)
+        set_time(message.end, end_ns)
         if not self._operator.until(
             lambda: min(intake.wrenches.newest_ns, intake.joints.newest_ns) > end_ns,
             BEHIND_S + plan.averaging_time,
@@ -333,7 +332,7 @@ class CampaignRun:
 
     def _announce(self, message: StiffnessLoad) -> None:
         """Put a load into the bag, safe against kill -9; tell a failed one at once."""
-        _set_time(message.header.stamp, max(self._intake.now_ns, 0))
+        set_time(message.header.stamp, max(self._intake.now_ns, 0))
         bag = self._intake.bag
         if bag is not None:
             bag.add("stiffness_load", serialize_message(message), time.time_ns())
@@ -373,7 +372,3 @@ class CampaignRun:
         self.standing.phase = "paused"
         self._operator.until(self._resume.is_set, PAUSE_S)
         return Reply()
-
-
-def _set_time(time_message: Any, time_ns: int) -> None:
-    time_message.sec, time_message.nanosec = divmod(time_ns, 1_000_000_000)

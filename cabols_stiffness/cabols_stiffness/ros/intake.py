@@ -20,6 +20,7 @@ from cabols_control.ros.guarded_thread import GuardedThread
 from cabols_control.ros.loop import Input, make_wait_set, subscribe_aside, wait_for
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.stamps import column_ns, time_ns
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.measurements.window import Rolling
 
@@ -125,8 +126,7 @@ class WrenchStream(Stream):
 
     def _numbers(self, raw: bytes) -> tuple[int, Any]:
         record = self._layout.read(raw)
-        seconds, rest = int(record["header.stamp.sec"]), int(record["header.stamp.nanosec"])
-        return seconds * 1_000_000_000 + rest, record["wrench"]
+        return int(column_ns(record)), record["wrench"]
 
 
 class JointStream(Stream):
@@ -137,8 +137,7 @@ class JointStream(Stream):
 
     def _numbers(self, raw: bytes) -> tuple[int, Any]:
         message = deserialize_message(raw, self._type)
-        stamp = message.header.stamp
-        return stamp.sec * 1_000_000_000 + stamp.nanosec, np.array(message.position)
+        return time_ns(message.header.stamp), np.array(message.position)
 
 
 class Intake(GuardedThread):

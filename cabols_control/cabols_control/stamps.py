@@ -1,0 +1,50 @@
+"""Times of messages in nanoseconds: of objects, of columns, of serialised bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from struct import Struct
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+SECOND_NS = 1_000_000_000
+HEADER_STAMP = "header.stamp"
+STAMP = Struct("<iI")
+_BIG_ENDIAN_STAMP = Struct(">iI")
+STAMP_AT = 4
+"""A message that begins with a header has its stamp right behind the 4 bytes of CDR's header."""
+
+
+def time_ns(stamp: Any) -> int:
+    """Return the time of a builtin_interfaces Time or Duration [ns]."""
+    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
+
+
+def set_time(stamp: Any, value_ns: int) -> None:
+    """Write a time [ns] into a builtin_interfaces Time or Duration."""
+    stamp.sec, stamp.nanosec = divmod(value_ns, SECOND_NS)
+
+
+def column_ns(columns: Mapping[str, Any], prefix: str = HEADER_STAMP) -> npt.NDArray[np.int64]:
+    """Return the times of many messages.
+
+    Args:
+        columns: (k,) arrays by dotted field name, as of a bag or of one record.
+        prefix: name of the time field.
+
+    Returns:
+        (k,) times [ns].
+
+    Raises:
+        KeyError: if there is no such field.
+    """
+    seconds = np.asarray(columns[f"{prefix}.sec"], dtype=np.int64)
+    return seconds * SECOND_NS + np.asarray(columns[f"{prefix}.nanosec"], dtype=np.int64)
+
+
+def first_stamp(raw: bytes) -> int:
+    """Return the time of the header that a serialised message begins with [ns]."""
+    seconds, nanoseconds = (STAMP if raw[1] else _BIG_ENDIAN_STAMP).unpack_from(raw, STAMP_AT)
+    return int(seconds) * SECOND_NS + int(nanoseconds)
