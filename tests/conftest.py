@@ -10,8 +10,9 @@ import pytest
 # What `make` sets too, for who runs pytest by hand.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.rig import load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_hw.card.config import CardConfig
 from cabols_sim.plant.config import PlantConfig
 
@@ -23,12 +24,12 @@ def rig():
 
 @pytest.fixture(scope="session")
 def card():
-    return load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
+    return load_config(CardConfig, rig_file("card.yaml"))
 
 
 @pytest.fixture(scope="session")
 def plant_config():
-    return load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml"))
+    return load_config(PlantConfig, rig_file("plant.yaml"))
 
 
 @pytest.fixture

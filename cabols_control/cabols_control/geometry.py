@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.cable_kernels import cable_lengths_unchecked, structure_matrix_unchecked
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
-from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, ShapeError
+from cabols_control.rig_folder import rig_file
 
 MIN_CABLES = 6
 MIN_CABLE_LENGTH_M = 1e-3
@@ -118,7 +119,7 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
     Raises:
         ConfigError: if the file cannot be used; the message names file, key and reason.
     """
-    source = Path(path) if path is not None else packaged("cabols_control", "bench_geometry.yaml")
+    source = Path(path) if path is not None else rig_file("geometry.yaml")
     content = load_config(_GeometryFile, source)
     try:
         angles = finite_array("rotation_xyz_deg", content.reference_pose.rotation_xyz_deg, (3,))

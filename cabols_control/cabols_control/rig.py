@@ -10,11 +10,12 @@ import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
 
 from cabols_control.checks import FloatArray, in_range
-from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.gains import WrenchGains, wrench_gains
 from cabols_control.geometry import MIN_CABLES, RigGeometry, load_geometry
 from cabols_control.limb import LimbModel
+from cabols_control.rig_folder import rig_file
 from cabols_control.tension import check_method
 
 MOTOR_CURRENT_MAX_A = 3.82
@@ -61,7 +62,7 @@ class LimbsConfig:
 
 @config_dataclass(frozen=True, config=STRICT)
 class ControlConfig:
-    """Design of both loops and their limits; units in config/bench_control.yaml."""
+    """Design of both loops and their limits; units in rigs/bench/control.yaml."""
 
     poles: list[float]
     zero: float
@@ -161,6 +162,6 @@ def load_rig(
     """
     return Rig(
         load_geometry(geometry or None),
-        load_config(LimbsConfig, limbs or packaged("cabols_control", "bench_limbs.yaml")),
-        load_config(ControlConfig, control or packaged("cabols_control", "bench_control.yaml")),
+        load_config(LimbsConfig, rig_file("limbs.yaml", limbs)),
+        load_config(ControlConfig, rig_file("control.yaml", control)),
     )

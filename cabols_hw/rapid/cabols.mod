@@ -8,7 +8,7 @@ MODULE cabols
     ! 2. Load this module into T_ROB1 and make main its entry (remove another main).
     ! 3. Set mass and centre of gravity in tCabols: what hangs on the flange, without cables.
     !    Position and orientation are the platform's frame in the flange's; they and the
-    !    configurations below are those of bench_robot_configurations.yaml: change both.
+    !    configurations below are those of robot.yaml: change both.
     ! 4. Drive through all configurations in manual mode, cables off.
     ! The rig reads and writes the four PERS below over Robot Web Services, and starts and stops
     ! this program; it never moves the robot through EGM.

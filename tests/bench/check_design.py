@@ -20,11 +20,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.workspace.capacity import capacity_along
 from cabols_control.workspace.grid import box_grid, tilts
 from cabols_control.workspace.wrench_set import wrench_box
@@ -76,8 +77,8 @@ def agrees(geometry, grid, low, high, answers):
 
 def run_bench(rig, seed=1):
     """Figures of the multi-axis programme in the closed loop."""
-    card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
-    plant = load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml"))
+    card = load_config(CardConfig, rig_file("card.yaml"))
+    plant = load_config(PlantConfig, rig_file("plant.yaml"))
     program = load_program("multi_axis")
     desired = np.array([program.at(t) for t in np.arange(0.0, program.duration, PERIOD_S)])
     trace = simulate(rig, card, plant, desired, seed=seed)

@@ -9,15 +9,15 @@ from cabols_msgs.msg import ReflectorMeasurement, StiffnessLoad
 from rclpy.serialization import serialize_message
 
 from cabols_control.bags.writer import BagWriter
-from cabols_control.configuration import packaged
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
+from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.stamps import set_time
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.ros.robot_stream import JOINT_NAMES, JointStateBytes
 from cabols_stiffness.analysis.bag import NEEDED
-from cabols_stiffness.campaign.plan import BENCH, load_plan
+from cabols_stiffness.campaign.plan import PLAN, load_plan
 from cabols_stiffness.measurements.reflector_points import robot_of
 from cabols_stiffness.model.balance import Law, balance
 
@@ -97,9 +97,7 @@ def write_bag(folder: Path, seconds: int, recorder: bool = False) -> int:
     steps = round(1000 * EVERY_S)
     scale = np.repeat([NOISE_N, NOISE_NM], 3)
     cycles = 0
-    with BagWriter(
-        folder, {"campaign_yaml": packaged("cabols_stiffness", BENCH).read_text("utf-8")}
-    ) as writer:
+    with BagWriter(folder, {"campaign_yaml": rig_file(PLAN).read_text("utf-8")}) as writer:
         for topic, type_name in NEEDED.items():
             writer.add_topic(topic, type_name)
         for topic in others if recorder else ():

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.console.access import COOKIE, AccessPolicy, Lease, Request, is_loopback
 from cabols_control.console.dispatcher import ALIVE_S, Answer, Desk, Settings
 from cabols_control.console.foxglove_link import (
@@ -52,6 +52,7 @@ from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.load_programs.feasibility import check_program
 from cabols_control.load_programs.programs import BUILT_IN, load_program
+from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.supervision.modes import MOVING, NEXT, ModeMachine, OperatingMode
 from cabols_control.supervision.operator_watchdog import Attendance
@@ -504,7 +505,7 @@ def test_estimate_shows_intervals_of_what_is_identified():
 
 def test_scene_draws_the_bench_that_is_simulated(rig):
     scene = load_scene()
-    tracker = load_config(TrackerConfig, packaged("cabols_hw", "bench_tracker.yaml"))
+    tracker = load_config(TrackerConfig, rig_file("tracker.yaml"))
     np.testing.assert_allclose(scene.reflectors, tracker.reflectors)
     np.testing.assert_allclose(scene.tracker, tracker.base_position)
     arm = Arm()

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import yaml
 
-from cabols_control.configuration import packaged
 from cabols_control.errors import CabolsError, ConfigError, DegenerateGeometryError, ShapeError
 from cabols_control.geometry import RigGeometry, load_geometry
+from cabols_control.rig_folder import rig_file
 
 
 @pytest.fixture
 def content():
-    return yaml.safe_load(packaged("cabols_control", "bench_geometry.yaml").read_text())
+    return yaml.safe_load(rig_file("geometry.yaml").read_text())
 
 
 def write(tmp_path, content):

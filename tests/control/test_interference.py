@@ -123,9 +123,9 @@ def test_a_forearm_behind_the_tool_would_touch_a_cable(rig):
 
 
 def _arm_bodies():
-    from cabols_control.configuration import packaged
+    from cabols_control.rig_folder import rig_file
 
-    return load_bodies(packaged("cabols_control", "bench_arm_bodies.yaml"))
+    return load_bodies(rig_file("bodies_arm.yaml"))
 
 
 def test_unusable_bodies_and_axes_are_named(tmp_path, rig):

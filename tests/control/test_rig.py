@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 import yaml
 
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.errors import ConfigError
 from cabols_control.rig import ControlConfig, load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_hw.card.config import CardConfig
 from cabols_sim.plant.config import PlantConfig
 
 
-def changed(tmp_path, package, name, **changes):
-    content = yaml.safe_load(packaged(package, name).read_text())
+def changed(tmp_path, name, **changes):
+    content = yaml.safe_load(rig_file(name).read_text())
     for key, value in changes.items():
         if value is None:
             del content[key]
@@ -40,15 +41,13 @@ def changed(tmp_path, package, name, **changes):
     ],
 )
 def test_control_mistakes(tmp_path, changes, message):
-    path = changed(tmp_path, "cabols_control", "bench_control.yaml", **changes)
+    path = changed(tmp_path, "control.yaml", **changes)
     with pytest.raises(ConfigError, match=message):
         load_config(ControlConfig, path)
 
 
 def test_limbs_must_match_the_geometry(tmp_path):
-    path = changed(
-        tmp_path, "cabols_control", "bench_limbs.yaml", gain=[1.0] * 7, time_constant=[0.3] * 7
-    )
+    path = changed(tmp_path, "limbs.yaml", gain=[1.0] * 7, time_constant=[0.3] * 7)
     with pytest.raises(ConfigError, match="expected 8 limbs"):
         load_rig(limbs=path)
 
@@ -65,13 +64,13 @@ def test_limbs_must_match_the_geometry(tmp_path):
     ],
 )
 def test_card_mistakes(tmp_path, changes, message):
-    path = changed(tmp_path, "cabols_hw", "bench_card.yaml", **changes)
+    path = changed(tmp_path, "card.yaml", **changes)
     with pytest.raises(ConfigError, match=message):
         load_config(CardConfig, path)
 
 
 def test_plant_mistake(tmp_path):
-    content = yaml.safe_load(packaged("cabols_sim", "bench_plant.yaml").read_text())
+    content = yaml.safe_load(rig_file("plant.yaml").read_text())
     content["limbs"]["backlash"] = -1.0
     path = tmp_path / "plant.yaml"
     path.write_text(yaml.safe_dump(content))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from cabols_control.configuration import packaged
 from cabols_control.errors import CabolsError, ConfigError, ShapeError
 from cabols_control.geometry import load_geometry
+from cabols_control.rig_folder import rig_file
 from cabols_control.workspace.bodies import interference_task, load_bodies
 from cabols_control.workspace.capacity import capacity_along, capacity_task
 from cabols_control.workspace.design import (
@@ -259,7 +259,7 @@ def test_design_command_improves_on_the_bench(tmp_path, rig, monkeypatch):
 
 @pytest.fixture(scope="module")
 def designed():
-    return load_geometry(packaged("cabols_control", "designed_geometry.yaml"))
+    return load_geometry(rig_file("geometry_designed.yaml"))
 
 
 def test_designed_geometry_beats_the_bench_by_linear_programmes(rig, designed):

@@ -12,7 +12,7 @@ import yaml
 from cabols_msgs.msg import Mode
 from playwright.sync_api import expect
 
-from cabols_control.configuration import packaged
+from cabols_control.rig_folder import rig_file
 
 TALL = {"width": 1280, "height": 720}
 SLOW = 0.1
@@ -48,7 +48,7 @@ def console_values(folder: Any, port: int, **more: Any) -> dict[str, Any]:
 
 def short_campaign(path: Path, configurations: list[int], paths: int) -> None:
     """Write a small part of the bench's campaign, of few configurations."""
-    whole = yaml.safe_load(packaged("cabols_stiffness", "bench_campaign.yaml").read_text("utf-8"))
+    whole = yaml.safe_load(rig_file("campaign.yaml").read_text("utf-8"))
     for key in ("validation_configurations", "validation_paths"):
         whole.pop(key, None)
     whole.update(configurations=configurations, paths=whole["paths"][:paths])

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.kinematics import structure_matrix
 from cabols_control.registration.reflectors import register_frame
 from cabols_control.rig import load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.card.config import CardConfig
 from cabols_hw.safety.config import SafetyConfig
@@ -39,9 +40,7 @@ RAMP_STEPS, SETTLING_STEPS = 8, 6
 REPETITION_S = 2.0
 """From one load to the next: ramp, settling, measuring."""
 
-WRENCH_LIMIT = 0.95 * np.array(
-    load_config(SafetyConfig, packaged("cabols_hw", "bench_safety.yaml")).wrench_max
-)
+WRENCH_LIMIT = 0.95 * np.array(load_config(SafetyConfig, rig_file("safety.yaml")).wrench_max)
 TENSION = (load_rig().holding_tension, 140.0)
 
 
@@ -53,7 +52,7 @@ def bench_robot():
 
 def bench_truth():
     """The simulated rig's robot: stiffness as the means of table 4.3."""
-    return load_config(RobotConfig, packaged("cabols_sim", "bench_robot.yaml"))
+    return load_config(RobotConfig, rig_file("robot_truth.yaml"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +103,8 @@ class Bench:
         self.parameters = np.array([*self.truth.stiffness, *self.truth.cubic])
         self.tracker = load_tracker_truth()
         self.nominal = load_tracker_config()
-        self.card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
-        self.sensors = load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml")).sensors
+        self.card = load_config(CardConfig, rig_file("card.yaml"))
+        self.sensors = load_config(PlantConfig, rig_file("plant.yaml")).sensors
         count = len(self.tracker.reflectors)
         n = plan.load.size
         stays = np.unique(plan.configuration)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.errors import ConfigError, ShapeError
+from cabols_control.rig_folder import rig_file
 from cabols_hw.card.config import CardConfig
 from cabols_hw.force_torque.ati import (
     AXES,
@@ -170,7 +171,7 @@ def test_missing_file(tmp_path):
 
 
 def test_shipped_file_is_the_benchs_calibration(card):
-    found = read_calibration(packaged("cabols_hw", "bench_delta.cal"))
+    found = read_calibration(rig_file("sensor.cal"))
     np.testing.assert_allclose(found.matrix, card.ft_matrix)
     np.testing.assert_allclose(found.limits, [165, 165, 495, 15, 15, 15])
 
@@ -326,7 +327,7 @@ def test_orientations_that_tell_too_little_are_refused(card, rotations):
 def card_file(folder, **changes):
     import yaml
 
-    content = yaml.safe_load(packaged("cabols_hw", "bench_card.yaml").read_text())
+    content = yaml.safe_load(rig_file("card.yaml").read_text())
     content.update(changes)
     path = folder / "card.yaml"
     path.write_text(yaml.safe_dump({k: v for k, v in content.items() if v is not None}))

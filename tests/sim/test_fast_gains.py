@@ -7,17 +7,17 @@ import os
 import numpy as np
 import pytest
 
-from cabols_control.configuration import packaged
 from cabols_control.errors import OutOfRangeError
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures_of_merit import designed_rise_time
 from cabols_sim.bench import run as bench_run
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.studies import fast_gains, gain_search
 from graph_harness import next_environment
 
-CONTROL = packaged("cabols_control", "fast_control.yaml")
+CONTROL = rig_file("control_fast.yaml")
 
 
 def test_design_differs_from_the_published_one_in_poles_and_zero_alone(rig):

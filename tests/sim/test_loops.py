@@ -8,10 +8,10 @@ import pytest
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from cabols_control.configuration import packaged
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.rig import load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.step_response import analyse_steps
 from cabols_sim.dynamics.bench_vibration import LOOP_DELAY_S, margin_numbers
 from cabols_sim.dynamics.loops import (
@@ -40,12 +40,12 @@ from cabols_sim.dynamics.vibration import (
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.studies.dynamics_study import held_by_robot
 
-DESIGNS = ["bench_control.yaml", "fast_control.yaml"]
+DESIGNS = ["control.yaml", "control_fast.yaml"]
 
 
 @pytest.fixture(params=DESIGNS)
 def design(request):
-    return load_rig(control=packaged("cabols_control", request.param))
+    return load_rig(control=rig_file(request.param))
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_margins_with_delay_are_python_controls_by_pade(design):
 
 
 def test_fast_design_keeps_its_margins():
-    rig = load_rig(control=packaged("cabols_control", "fast_control.yaml"))
+    rig = load_rig(control=rig_file("control_fast.yaml"))
     found = margin_numbers(rig)
     assert found["wrench_gain_margin_db"] > 12.0
     assert found["wrench_phase_margin_deg"] > 60.0
@@ -183,7 +183,7 @@ def test_linear_plant_vibrates_as_the_matrix_says(design, vibration, card, plant
 
 
 def test_fast_step_on_the_vibrating_robot(vibration, card, plant_config):
-    fast = load_rig(control=packaged("cabols_control", "fast_control.yaml"))
+    fast = load_rig(control=rig_file("control_fast.yaml"))
     desired = np.zeros((2000, 6))
     desired[800:, 0] = 40.0
     trace = simulate(fast, card, plant_config, desired, vibration=vibration)

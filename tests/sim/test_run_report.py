@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from cabols_control.bags.reader import Bag, Series
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures import decimate, draw_story, write_figures
 from cabols_control.run_report.figures_of_merit import (
     RunError,
@@ -58,8 +59,8 @@ def wrench_columns(wrench):
 @cache
 def trace(program: str, linear: bool):
     rig = load_rig()
-    card = load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml"))
-    plant = load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml"))
+    card = load_config(CardConfig, rig_file("card.yaml"))
+    plant = load_config(PlantConfig, rig_file("plant.yaml"))
     chosen = load_program(program)
     desired = np.array([chosen.at(t) for t in np.arange(0.0, chosen.duration, 0.001)])
     return simulate(rig, card, plant.linear() if linear else plant, desired)

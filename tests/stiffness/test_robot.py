@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cabols_control.configuration import packaged
 from cabols_control.errors import ConfigError, ShapeError
+from cabols_control.rig_folder import rig_file
 from cabols_sim.devices.robot.kinematics import JOINT_LIMITS_DEG, Arm
 from cabols_stiffness import load_robot
 from cabols_stiffness.model.balance import Law, balance
@@ -52,7 +52,7 @@ def test_joint_limits_are_the_simulated_arms(robot):
 
 
 def test_kinematics_and_k_c_agree_with_pinocchio(robot):
-    model = pinocchio.buildModelFromUrdf(str(packaged("cabols_stiffness", "irb1600_6_145.urdf")))
+    model = pinocchio.buildModelFromUrdf(str(rig_file("robot.urdf")))
     frame = model.addFrame(
         pinocchio.Frame(
             "tool",
@@ -179,7 +179,7 @@ def test_bad_robots_are_refused(change, message):
 
 
 def test_another_number_of_joints_is_refused(tmp_path):
-    text = packaged("cabols_stiffness", "irb1600_6_145.urdf").read_text(encoding="utf-8")
+    text = rig_file("robot.urdf").read_text(encoding="utf-8")
     path = tmp_path / "five.urdf"
     path.write_text(text.replace('name="joint_5" type="revolute"', 'name="joint_5" type="fixed"'))
     with pytest.raises(ConfigError, match="chain of 6 revolute joints"):

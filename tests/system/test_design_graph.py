@@ -7,9 +7,9 @@ import pytest
 from cabols_msgs.msg import Mode
 
 from cabols_control.bags.reader import read_bag
-from cabols_control.configuration import packaged
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
+from cabols_control.rig_folder import rig_file
 from cabols_control.tension import distribute
 from cabols_sim.bench.run import run_bench
 from graph_harness import next_environment
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.ros
 
 def test_the_nodes_run_the_designed_rig_away_from_the_limits(tmp_path):
     """Geometry by file, method by launch argument; commands are the barycentre's after the fade."""
-    path = packaged("cabols_control", "designed_geometry.yaml")
+    path = rig_file("geometry_designed.yaml")
     lines = []
     ended = run_bench(
         {

@@ -9,14 +9,15 @@ import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
 
 from cabols_control.checks import FloatArray, finite_array
-from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.rig import Rig
+from cabols_control.rig_folder import rig_file
 
 
 @config_dataclass(frozen=True, config=STRICT)
 class SceneConfig:
-    """Pictures of what stands around the cables; units in config/bench_scene.yaml."""
+    """Pictures of what stands around the cables; units in rigs/bench/scene.yaml."""
 
     reflectors: list[list[float]]
     joint_offsets: list[list[float]] | None = None
@@ -46,7 +47,7 @@ def load_scene(path: str | Path | None = None) -> SceneConfig:
     Raises:
         ConfigError: naming the file, the key, what was expected and what came.
     """
-    return load_config(SceneConfig, path or packaged("cabols_control", "bench_scene.yaml"))
+    return load_config(SceneConfig, rig_file("scene.yaml", path))
 
 
 def scene_numbers(rig: Rig, scene: SceneConfig) -> dict[str, Any]:

@@ -13,9 +13,9 @@ from std_srvs.srv import SetBool
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.names import relative
-from cabols_control.configuration import packaged
 from cabols_control.errors import ConfigError
 from cabols_control.realtime.scheduling import be_ordinary
+from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.node import WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
@@ -156,7 +156,7 @@ class RecorderNode(ControlNode):
         found = {}
         for name in RIG_FILES:
             given = self.get_parameter(f"{name}_file").value
-            path = Path(given or packaged("cabols_control", f"bench_{name}.yaml"))
+            path = rig_file(f"{name}.yaml", given)
             content = path.read_bytes()
             found[f"{name}_file"] = path.name
             found[f"{name}_yaml"] = content.decode()

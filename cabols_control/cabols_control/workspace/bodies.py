@@ -10,9 +10,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import FloatArray, IntArray, finite_array, in_range
-from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.geometry import RigGeometry
+from cabols_control.rig_folder import rig_file
 
 SAME_POINT_M = 1e-6
 """Attachment points closer than this are one point."""
@@ -49,7 +50,7 @@ class Capsule:
 
 @dataclass(frozen=True, config=STRICT)
 class Bodies:
-    """Sizes and bodies for the interference test; see config/bench_bodies.yaml.
+    """Sizes and bodies for the interference test; see rigs/bench/bodies.yaml.
 
     Attributes:
         cable_radius: [m].
@@ -81,7 +82,7 @@ def load_bodies(path: str | Path | None = None) -> Bodies:
     Raises:
         ConfigError: naming the file, the key, what was expected and what came.
     """
-    return load_config(Bodies, path or packaged("cabols_control", "bench_bodies.yaml"))
+    return load_config(Bodies, rig_file("bodies.yaml", path))
 
 
 class InterferenceTask(NamedTuple):

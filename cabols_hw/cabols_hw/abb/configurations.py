@@ -9,8 +9,9 @@ from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.rig_folder import rig_file
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -67,6 +68,4 @@ def load_configurations(path: str | Path = "") -> RobotConfigurations:
     Raises:
         ConfigError: if the file cannot be used.
     """
-    return load_config(
-        RobotConfigurations, path or packaged("cabols_hw", "bench_robot_configurations.yaml")
-    )
+    return load_config(RobotConfigurations, rig_file("robot.yaml", path))

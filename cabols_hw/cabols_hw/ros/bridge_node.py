@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.rig import Rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.live import LiveOutput
@@ -55,7 +56,7 @@ class BridgeNode(ControlNode):
         """
         super().__init__(name)
         card_file = declare(self, "card_file", "", "YAML of the card's scaling; empty: bench")
-        self._card = load_config(CardConfig, card_file or packaged("cabols_hw", "bench_card.yaml"))
+        self._card = load_config(CardConfig, rig_file("card.yaml", card_file))
         self.daq = make_daq(self, self.rig, self._card)
         geometry = self.rig.geometry
         n = geometry.cables
@@ -120,7 +121,7 @@ class BridgeNode(ControlNode):
         may have.
         """
         path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: bench")
-        config = load_config(SafetyConfig, path or packaged("cabols_hw", "bench_safety.yaml"))
+        config = load_config(SafetyConfig, rig_file("safety.yaml", path))
         oldest = 2.0 * self._watchdog_s
         return replace(
             config,

@@ -13,9 +13,10 @@ from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
-from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, OutOfRangeError
 from cabols_control.registration.rigid_fit import RegistrationError, require_spread
+from cabols_control.rig_folder import rig_file
 from cabols_hw.tracker.beam import BeamNoise
 
 
@@ -126,4 +127,4 @@ def load_tracker_config(path: str | Path | None = None) -> TrackerConfig:
     Raises:
         ConfigError: if the file cannot be used; the message names file, key and reason.
     """
-    return load_config(TrackerConfig, path or packaged("cabols_hw", "bench_tracker.yaml"))
+    return load_config(TrackerConfig, rig_file("tracker.yaml", path))

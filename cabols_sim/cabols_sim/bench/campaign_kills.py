@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cabols_control.configuration import packaged
+from cabols_control.rig_folder import rig_file
 from cabols_sim.bench.campaign import TOOL, BenchCampaign, analyse
 from cabols_sim.bench.run import isolated_environment
 
@@ -69,7 +69,7 @@ class Trial:
 
 def short_campaign(path: Path, configurations: list[int], paths: int) -> None:
     """Write a part of the bench's campaign."""
-    whole = yaml.safe_load(packaged("cabols_stiffness", "bench_campaign.yaml").read_text("utf-8"))
+    whole = yaml.safe_load(rig_file("campaign.yaml").read_text("utf-8"))
     for key in ("validation_configurations", "validation_paths"):
         del whole[key]
     whole.update(configurations=configurations, paths=whole["paths"][:paths])

@@ -11,8 +11,9 @@ import numpy as np
 from cabols_msgs.srv import InjectFault
 from scipy.spatial.transform import Rotation
 
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.rig import Rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
 from cabols_control.ros.live import LiveOutput
@@ -46,7 +47,7 @@ POSE_PATIENCE_S = 1.0
 def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     """Build plant and card from the node's parameters."""
     path = declare(node, "plant_file", "", "YAML of the plant; empty: bench")
-    config = load_config(PlantConfig, path or packaged("cabols_sim", "bench_plant.yaml"))
+    config = load_config(PlantConfig, rig_file("plant.yaml", path))
     if declare(node, "linear", False, "leave out everything that is not linear"):
         config = config.linear()
     seed = declare(node, "seed", 0, "of slack, bias and noise", (0, 2**31 - 1))
@@ -75,7 +76,7 @@ def make_coupling(node: BridgeNode) -> RobotCoupling | None:
     )
     if not wanted:
         return None
-    config = load_config(RobotConfig, path or packaged("cabols_sim", "bench_robot.yaml"))
+    config = load_config(RobotConfig, rig_file("robot_truth.yaml", path))
     target = RobotTarget(config, load_configurations(configurations))
     return RobotCoupling(target, PlantLink(port))
 

@@ -9,10 +9,11 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.gains import LimbGains
 from cabols_control.limb_control.law import limb_law_into
 from cabols_control.rig import Rig, load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_hw.card.config import CardConfig
 from cabols_sim.plant.config import LimbPlantConfig, PlantConfig
 from cabols_sim.plant.limb_physics import limb_step
@@ -39,8 +40,8 @@ def bench() -> Bench:
     """Read the reference bench's files once."""
     return Bench(
         load_rig(),
-        load_config(CardConfig, packaged("cabols_hw", "bench_card.yaml")),
-        load_config(PlantConfig, packaged("cabols_sim", "bench_plant.yaml")),
+        load_config(CardConfig, rig_file("card.yaml")),
+        load_config(PlantConfig, rig_file("plant.yaml")),
     )
 
 

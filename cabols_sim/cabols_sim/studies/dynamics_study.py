@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import Rig, load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures import DPI
 from cabols_control.run_report.step_response import analyse_steps
 from cabols_hw.abb.configurations import load_configurations
@@ -44,7 +45,7 @@ from cabols_sim.reproductions import plain
 from cabols_sim.reproductions.common import bench
 from cabols_sim.studies import dynamics_figures as draw
 
-DESIGNS = {"published": "bench_control.yaml", "fast": "fast_control.yaml"}
+DESIGNS = {"published": "control.yaml", "fast": "control_fast.yaml"}
 STEP_BEGIN = 800
 """Sample of the step in the picture of the steps [ms]."""
 STEP_FACTORS = (10.0, 1.0, 0.1, 0.01)
@@ -190,9 +191,7 @@ def _effect_numbers(effect: Effect) -> dict[str, float]:
 def vibration(output: Output) -> None:
     """Modes of the bench along a programme; loops and targets."""
     output.say("vibration of the bench, margins of both designs")
-    rigs = {
-        name: load_rig(control=packaged("cabols_control", file)) for name, file in DESIGNS.items()
-    }
+    rigs = {name: load_rig(control=rig_file(file)) for name, file in DESIGNS.items()}
     held, rig = held_by_robot(), rigs["published"]
     program = load_program("multi_axis")
     frequencies = along_program(rig, held, program)
@@ -313,7 +312,7 @@ def _targets(output: Output, rigs: dict[str, Rig], middle: VibrationModel) -> No
 def held_by_robot(index: int = 0) -> Held:
     """Return the bench's platform in its robot's hand, at a stored configuration."""
     position, rotation, jacobian = RobotTarget().arm.solve(load_configurations().joints(index))
-    config = load_config(RobotConfig, packaged("cabols_sim", "bench_robot.yaml"))
+    config = load_config(RobotConfig, rig_file("robot_truth.yaml"))
     return Held(
         position,
         rotation,

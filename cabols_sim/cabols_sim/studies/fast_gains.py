@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.configuration import packaged
 from cabols_control.errors import CabolsError
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import Rig, load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures import DPI, draw_overview
 from cabols_control.run_report.figures_of_merit import load_run, summarise
 from cabols_sim.bench.run import run_bench
@@ -30,7 +30,7 @@ from cabols_sim.plant.config import PlantConfig
 from cabols_sim.reproductions.common import bench
 from cabols_sim.studies.gain_search import judge, program_samples, search
 
-FAST = "fast_control.yaml"
+FAST = "control_fast.yaml"
 RISE_MAX_S, OVERSHOOT_MAX_PERCENT, CURRENT_MAX_A = 0.12, 5.0, 3.0
 SPREAD = 0.1
 """Plants are drawn whose gains and time constants differ by up to this share."""
@@ -63,7 +63,7 @@ def main() -> int:
     add("--search", action="store_true", help="search for poles and zero first (minutes)")
     add("--draws", type=int, default=100, help="plants in the compiled loop; 0: none")
     arguments = parser.parse_args()
-    control = arguments.control_file or packaged("cabols_control", FAST)
+    control = rig_file(FAST, arguments.control_file)
     rig = load_rig(control=control)
     numbers: dict[str, Any] = {"margins": margin_numbers(rig), "programs": {}}
     print(f"design {control.name}: poles {rig.control.poles}, zero {rig.control.zero:g} 1/s")

@@ -16,8 +16,8 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from cabols_control.configuration import packaged
-from cabols_stiffness.campaign.plan import BENCH, CampaignPlan, load_plan
+from cabols_control.rig_folder import rig_file
+from cabols_stiffness.campaign.plan import CampaignPlan, load_plan
 from cabols_stiffness.campaign.requests import LoadKey
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measurements.measured_load import MeasuredLoad, columns, from_cells, to_cells
@@ -224,7 +224,7 @@ def read_log(folder: str | Path) -> list[dict[str, str]]:
 
 
 def _text_of(campaign: str | Path) -> str:
-    return Path(campaign or packaged("cabols_stiffness", BENCH)).read_text(encoding="utf-8")
+    return rig_file(PLAN, campaign).read_text(encoding="utf-8")
 
 
 def _write_durably(path: Path, text: str) -> None:

@@ -11,13 +11,14 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
+from cabols_control.rig_folder import rig_file
 from cabols_stiffness.measurements.measuring_rig import MeasuringRig
 from cabols_stiffness.measurements.samples import LOADING, REFERENCE, UNLOADING
 from cabols_stiffness.model.result import MODELS
 
-BENCH = "bench_campaign.yaml"
+PLAN = "campaign.yaml"
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -225,4 +226,4 @@ def load_plan(path: str | Path = "") -> CampaignPlan:
     Raises:
         ConfigError: if the file cannot be used; the message names file, key and reason.
     """
-    return load_config(CampaignPlan, path or packaged("cabols_stiffness", BENCH))
+    return load_config(CampaignPlan, rig_file(PLAN, path))

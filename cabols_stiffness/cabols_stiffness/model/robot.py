@@ -15,9 +15,9 @@ import pinocchio
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
-from cabols_control.configuration import packaged
 from cabols_control.errors import ConfigError
 from cabols_control.registration.rigid_fit import cross_matrix
+from cabols_control.rig_folder import rig_file
 
 JOINTS = 6
 
@@ -219,7 +219,7 @@ def load_robot(
         ConfigError: if the file cannot be used, or the frame is not on the last link.
         ShapeError: if the tool's placement has another shape, is not finite or no rotation.
     """
-    source = Path(path or packaged("cabols_stiffness", "irb1600_6_145.urdf"))
+    source = Path(rig_file("robot.urdf", path))
     try:
         model = pinocchio.buildModelFromUrdf(str(source))
     except (ValueError, RuntimeError) as error:

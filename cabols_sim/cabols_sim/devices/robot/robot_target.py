@@ -7,7 +7,8 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.configuration import load_config, packaged
+from cabols_control.configuration import load_config
+from cabols_control.rig_folder import rig_file
 from cabols_hw.abb.configurations import RobotConfigurations, load_configurations
 from cabols_sim.devices.robot.flexible import deflect_into
 from cabols_sim.devices.robot.kinematics import Arm, kinematics_into
@@ -76,7 +77,7 @@ class RobotTarget:
         Raises:
             ConfigError: if the bench's files cannot be used.
         """
-        config = config or load_config(RobotConfig, packaged("cabols_sim", "bench_robot.yaml"))
+        config = config or load_config(RobotConfig, rig_file("robot_truth.yaml"))
         self._config = config
         self._configurations = configurations or load_configurations()
         angles = config.base_rotation_xyz_deg

@@ -11,7 +11,8 @@ from pydantic.dataclasses import dataclass
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.configuration import STRICT, load_config, packaged
+from cabols_control.configuration import STRICT, load_config
+from cabols_control.rig_folder import rig_file
 from cabols_hw.tracker.beam import BeamNoise
 
 
@@ -130,5 +131,5 @@ def load_tracker_truth(path: str | Path | None = None) -> TrackerTruthConfig:
     Raises:
         ConfigError: if the file cannot be used; the message names file, key and reason.
     """
-    source = path or packaged("cabols_sim", "bench_tracker_truth.yaml")
+    source = rig_file("tracker_truth.yaml", path)
     return load_config(TrackerTruthConfig, source)
