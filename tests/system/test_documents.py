@@ -1,0 +1,107 @@
+"""The pages: README's length, links that lead somewhere, an index that names every page."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    *ROOT.glob("*.md"),
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *sorted((ROOT / "examples").glob("*.md")),
+]
+README_LINES = 150
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+KEY = re.compile(r"\[([A-Z][A-Za-z]{1,4}\d{0,4})\](?!\()")
+
+
+def anchors(text):
+    """Names that a page's headings have on the code host."""
+    heads = re.findall(r"^#+ (.*)$", FENCE.sub("", text), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
+
+
+def broken_links(page, text):
+    """Links of a page that lead nowhere in the repository."""
+    found = []
+    for target in LINK.findall(FENCE.sub("", text)):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        to = (page.parent / path).resolve() if path else page
+        if not to.exists() or (
+            anchor and anchor not in anchors(text if to == page else to.read_text())
+        ):
+            found.append(target)
+    return found
+
+
+def missing_pages(index_page, index):
+    """Pages beside an index, or below it in a folder with its own, that it does not name."""
+    folder = index_page.parent
+    named = {(folder / t.partition("#")[0]).resolve() for t in LINK.findall(index)}
+    pages = {*folder.glob("*.md"), *folder.glob("*/index.md")} - {index_page}
+    return sorted(path.name for path in pages if path.resolve() not in named)
+
+
+def test_readme_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= README_LINES
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page):
+    assert broken_links(page, page.read_text()) == []
+
+
+def test_a_broken_link_and_a_broken_anchor_are_found():
+    text = "# One head\n[a](docs/no_such_page.md) [b](#one-head) [c](#other) [d](README.md)"
+    assert broken_links(ROOT / "README.md", text) == ["docs/no_such_page.md", "#other"]
+
+
+@pytest.mark.parametrize("folder", ["docs", "docs/decisions"])
+def test_the_index_names_every_page(folder):
+    index = ROOT / folder / "index.md"
+    assert missing_pages(index, index.read_text()) == []
+
+
+def test_a_page_that_the_index_misses_is_found():
+    index = ROOT / "docs" / "index.md"
+    assert missing_pages(index, index.read_text().replace("(glossary.md)", "()")) == ["glossary.md"]
+
+
+def test_citation_is_valid():
+    """The keys that the format demands, a version that is the packages', the licence's name."""
+    found = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert {"cff-version", "message", "title", "authors"} <= set(found)
+    assert found["cff-version"] == "1.2.0"
+    assert found["type"] in {"software", "dataset"}
+    assert found["license"] == "Apache-2.0"
+    assert found["authors"] == [{"name": "The cabols maintainers"}]
+    manifest = (ROOT / "cabols_msgs" / "package.xml").read_text()
+    assert f"<version>{found['version']}</version>" in manifest
+
+
+def test_changelog_keeps_its_form():
+    """Keep a Changelog: versions newest first, with kinds of changes that it knows."""
+    text = (ROOT / "CHANGELOG.md").read_text()
+    versions = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    assert versions[0] == "Unreleased"
+    assert all(re.match(r"\d+\.\d+\.\d+", version) for version in versions[1:])
+    kinds = set(re.findall(r"^### (.*)$", text, re.MULTILINE))
+    assert kinds <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+
+
+def test_a_key_of_the_literature_is_in_the_references():
+    listed = set(KEY.findall((ROOT / "docs" / "references.md").read_text()))
+    assert "BZB" in listed
+    used = {
+        key
+        for page in PAGES
+        if page.name != "references.md"
+        for key in KEY.findall(FENCE.sub("", page.read_text()))
+        if re.search(r"\d|BZB|SNB", key)
+    }
+    assert used <= listed
