@@ -13,6 +13,7 @@ from cabols_control.cable_kernels import cable_lengths_unchecked, structure_matr
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, ShapeError
+from cabols_control.naming import cable_name
 from cabols_control.rig_folder import rig_file
 
 MIN_CABLES = 6
@@ -75,8 +76,9 @@ class RigGeometry:
         pose = (self.reference_position, self.reference_rotation)
         lengths = cable_lengths_unchecked(self.base_points, self.platform_points, *pose)
         if not lengths.min() >= MIN_CABLE_LENGTH_M:
+            shortest = cable_name(int(lengths.argmin()))
             raise DegenerateGeometryError(
-                f"cable {int(lengths.argmin())}: expected at least {MIN_CABLE_LENGTH_M} m between "
+                f"{shortest}: expected at least {MIN_CABLE_LENGTH_M} m between "
                 f"its points at the reference pose, got {lengths.min():.3g} m"
             )
         matrix = structure_matrix_unchecked(self.base_points, self.platform_points, *pose)
@@ -140,5 +142,5 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
 def _rows(name: str, rows: list[list[float]]) -> FloatArray:
     for index, row in enumerate(rows):
         if len(row) != 3:
-            raise ShapeError(f"{name}[{index}]: expected [x, y, z], got {row!r}")
+            raise ShapeError(f"{name}, {cable_name(index)}: expected [x, y, z], got {row!r}")
     return finite_array(name, rows, (None, 3))

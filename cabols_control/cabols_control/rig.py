@@ -15,6 +15,7 @@ from cabols_control.errors import ConfigError
 from cabols_control.gains import WrenchGains, wrench_gains
 from cabols_control.geometry import MIN_CABLES, RigGeometry, load_geometry
 from cabols_control.limb import LimbModel
+from cabols_control.naming import limb_name
 from cabols_control.rig_folder import rig_file
 from cabols_control.tension import check_method
 
@@ -48,8 +49,8 @@ class LimbsConfig:
                 f"got {len(self.time_constant)}"
             )
         for i, (gain, time_constant) in enumerate(zip(self.gain, self.time_constant, strict=True)):
-            in_range(f"gain[{i}]", gain, 1e-6, 1e3)
-            in_range(f"time_constant[{i}]", time_constant, 1e-4, 100.0)
+            in_range(f"gain of {limb_name(i)}", gain, 1e-6, 1e3)
+            in_range(f"time_constant of {limb_name(i)}", time_constant, 1e-4, 100.0)
 
     @property
     def models(self) -> tuple[LimbModel, ...]:

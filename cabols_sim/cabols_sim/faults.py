@@ -8,6 +8,7 @@ import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.errors import CabolsError
+from cabols_control.naming import limb_name
 
 
 class FaultError(CabolsError):
@@ -106,7 +107,9 @@ class PlantFaults:
             raise FaultError(f"fault: expected none, {', '.join(KINDS)}; got {kind!r}")
         described = KINDS[kind]
         if described.per_limb and not 0 <= limb < self._limbs:
-            raise FaultError(f"{kind}: expected a limb from 0 to {self._limbs - 1}, got {limb}")
+            raise FaultError(
+                f"{kind}: expected a limb index from 0 to {self._limbs - 1}, got {limb}"
+            )
         if not (np.isfinite(value) and np.isfinite(duration_s) and duration_s >= 0.0):
             raise FaultError(f"{kind}: expected finite numbers, got {value}, {duration_s}")
         size = value or described.default
@@ -114,7 +117,7 @@ class PlantFaults:
         self._active.append(_Active(kind, limb, size, end_s, now_s))
         self._frozen = {}
         self.any = True
-        where = f" of limb {limb}" if described.per_limb else ""
+        where = f" of {limb_name(limb)}" if described.per_limb else ""
         return f"{kind}{where}: {described.what}"
 
     def pass_time(self, now_s: float) -> None:

@@ -43,7 +43,7 @@ def validation_figure(validation: Validation, title: str = "") -> Figure:
 
 
 def _draw(axis: Axes, validation: Validation, index: int, label: str) -> None:
-    load = np.arange(validation.measured.shape[0])
+    load = np.arange(1, validation.measured.shape[0] + 1)
     scale = 1e3
     predicted = scale * validation.predicted[:, index]
     band: FloatArray = scale * validation.band[:, index]

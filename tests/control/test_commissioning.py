@@ -237,7 +237,7 @@ def test_commissioned_rig_loads_again(tmp_path, rig):
     gains = read_yaml(tmp_path / "gains.yaml")
     np.testing.assert_allclose(gains["k_I"], [g.integral for g in again.gains.limbs], rtol=1e-5)
     np.testing.assert_allclose(gains["k_P2"], [g.tension for g in again.gains.limbs], rtol=1e-4)
-    assert "not commissioned: limbs [1, 2, 4, 5, 7, 8]" in (tmp_path / "limbs.yaml").read_text()
+    assert "not commissioned: limbs 1, 2, 4, 5, 7 and 8." in (tmp_path / "limbs.yaml").read_text()
 
 
 def test_projection_on_a_cable(rig, random):

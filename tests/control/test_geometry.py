@@ -89,7 +89,7 @@ def spoil_pose(content):
     [
         (spoil_unknown_key, "base_point"),
         (spoil_five_cables, "at least 6 cables, got 5"),
-        (spoil_row, r"base_points\[2\]: expected \[x, y, z\]"),
+        (spoil_row, r"base_points, cable 3: expected \[x, y, z\]"),
         (spoil_nan, r"platform_points: expected finite numbers, got nan at \[3, 1\]"),
         (spoil_text, r"base_points.*left"),
         (spoil_count, r"platform_points: expected shape \(8, 3\), got \(9, 3\)"),
@@ -140,7 +140,7 @@ def test_cable_of_no_length():
     geometry = load_geometry()
     base = np.array(geometry.base_points)
     base[4] = geometry.reference_position + geometry.platform_points[4]
-    with pytest.raises(DegenerateGeometryError, match="cable 4"):
+    with pytest.raises(DegenerateGeometryError, match="cable 5"):
         RigGeometry(base, geometry.platform_points, geometry.reference_position, np.eye(3))
 
 

@@ -260,7 +260,7 @@ def test_command_watchdog():
     assert watchdog.check(100.009, at_rest=False)
     watchdog.feed(100.009, np.array([0]))
     assert not watchdog.check(100.011, at_rest=False)
-    assert "limbs [1]" in watchdog.fault
+    assert "for limb 2 for" in watchdog.fault
     watchdog.feed(100.011, np.array([0, 1]))
     assert not watchdog.check(100.012, at_rest=False), "latched"
     assert watchdog.check(100.013, at_rest=True)

@@ -20,7 +20,7 @@ from graph_harness import next_environment
     ("arguments", "nodes_running", "until", "last_mode"),
     [
         (["--rigid", "--speed", "0.2"], 6, "mode LOADING", Mode.LOADING),
-        (["--speed", "0.3"], 8, "robot to configuration 1", Mode.FREE_MOVING),
+        (["--speed", "0.3"], 8, "robot to configuration 2", Mode.FREE_MOVING),
     ],
     ids=["rigid", "session"],
 )

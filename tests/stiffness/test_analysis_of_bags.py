@@ -88,7 +88,7 @@ def test_analysis_of_a_bag_finds_the_truth_and_says_where_it_is_from(bag, tmp_pa
     assert "Joint stiffness" in report
     assert not re.search(r'<(script|link|img)[^>]*(src|href)="?http', report)
     header, first, *_ = (tmp_path / "stiffness.csv").read_text("utf-8").splitlines()
-    assert header.startswith("joint,configuration_0_nm_per_rad")
+    assert header.startswith("joint,configuration_1_nm_per_rad")
     assert first.startswith("1,")
 
 
@@ -144,7 +144,7 @@ def test_window_without_its_measurement_is_named(bag, tmp_path):
         return topic, type_name, raw
 
     broken = copy(bag, tmp_path / "bag", change)
-    with pytest.raises(CampaignError, match="configuration 0, reflector 0, load 1, got none"):
+    with pytest.raises(CampaignError, match="configuration 1, reflector 1, load 2, got none"):
         read_loads(broken)
 
 

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from cabols_control.checks import FloatArray
 from cabols_control.commissioning.results import LimbResult
 from cabols_control.limb import LimbModel, step_response
+from cabols_control.naming import limb_name
 from cabols_control.rig import Rig
 
 MEASURED, FITTED, CONFIGURED = "#d95f02", "#222222", "#9ecae1"
@@ -96,7 +97,7 @@ def draw_limb(
         )
         _tidy(right, "elongation by the encoder [mm]", "tension [N]")
         right.legend(loc="upper left")
-    figure.suptitle(f"limb {result.limb + 1}")
+    figure.suptitle(limb_name(result.limb))
     return figure
 
 

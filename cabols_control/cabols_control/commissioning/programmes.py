@@ -12,6 +12,7 @@ from cabols_control.checks import FloatArray, in_range
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.limb_control.references import CURRENT, REST, SPEED, TENSION
+from cabols_control.naming import limb_name, limb_names
 
 if TYPE_CHECKING:
     from cabols_control.limb_control.controller import LimbSample
@@ -163,7 +164,7 @@ class Programme:
     def abort(self, reason: str) -> None:
         """End at once; does nothing when done."""
         if not self.done:
-            self.done, self.fault = True, f"limb {self.limb + 1}, {self.kind}: {reason}"
+            self.done, self.fault = True, f"{limb_name(self.limb)}, {self.kind}: {reason}"
 
     def _enter(self, phase: str) -> None:
         self.phase, self._phase_s = phase, self._now_s
@@ -332,9 +333,9 @@ class RampProgramme(Programme):
 
     def begin(self, sample: LimbSample) -> None:
         """Check that all limbs have a zero."""
-        missing = [int(i) + 1 for i in np.flatnonzero(~np.asarray(sample.zeroed, dtype=np.bool_))]
-        if missing:
-            self.abort(f"limbs {missing} are not pre-tightened")
+        missing = np.flatnonzero(~np.asarray(sample.zeroed, dtype=np.bool_))
+        if missing.size:
+            self.abort(f"not pre-tightened: {limb_names(missing)}")
         self._recording = True
         self._enter("ramp")
 

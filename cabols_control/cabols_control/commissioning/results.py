@@ -23,6 +23,7 @@ from cabols_control.limb import (
     identify_limb_with_friction,
     identify_stiffness,
 )
+from cabols_control.naming import limb_names, number
 from cabols_control.rig import Rig
 
 TENSION_RANGE_N = (5.0, 145.0)
@@ -214,15 +215,15 @@ def write_results(folder: str | Path, rig: Rig, results: Mapping[int, LimbResult
 
 def _limbs_text(rig: Rig, results: Mapping[int, LimbResult]) -> str:
     limbs = rig.limbs
-    left = [i + 1 for i in range(len(limbs.gain)) if i not in results]
-    note = f"# As configured, not commissioned: limbs {left}\n" if left else ""
+    left = [i for i in range(len(limbs.gain)) if i not in results]
+    note = f"# As configured, not commissioned: {limb_names(left)}.\n" if left else ""
     values = {
         "stiffness": round(limbs.stiffness, 2),
         "switch_tension": limbs.switch_tension,
         "gain": [round(value, 8) for value in limbs.gain],
         "time_constant": [round(value, 8) for value in limbs.time_constant],
     }
-    head = "# Limbs by commissioning: N/m, N, m/s/A, s.\n"
+    head = "# Limbs by commissioning, limb 1 first: N/m, N, m/s/A, s.\n"
     return head + note + yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
 
 
@@ -237,8 +238,9 @@ def _gains_text(rig: Rig) -> str:
         "k_Io": round(float(gains.integral), 6),
     }
     head = (
-        "# What (3.24), (3.25) make of limbs.yaml: k_I A/m, k_P1 A s/m, k_P2 m/s/N, k_Po -, "
-        "k_Io 1/s.\n# For reading: the controllers compute them from limbs.yaml.\n"
+        "# What (3.24), (3.25) make of limbs.yaml, limb 1 first: k_I A/m, k_P1 A s/m, "
+        "k_P2 m/s/N, k_Po -, k_Io 1/s.\n"
+        "# For reading: the controllers compute them from limbs.yaml.\n"
     )
     return head + yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
 
@@ -252,7 +254,7 @@ def table(rig: Rig, results: Mapping[int, LimbResult]) -> str:
     limbs = rig.limbs
     for i, r in sorted(results.items()):
         lines.append(
-            f"{i + 1:4d} {r.gain:11.4f} {limbs.gain[i]:11.4f} {r.time_constant:8.4f} "
+            f"{number(i):4d} {r.gain:11.4f} {limbs.gain[i]:11.4f} {r.time_constant:8.4f} "
             f"{limbs.time_constant[i]:11.4f} {100 * r.fit:10.2f} {r.stiffness:10.1f} "
             f"{limbs.stiffness:11.1f} {100 * r.stiffness_fit:9.2f}"
         )

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from cabols_control.console.access import Lease
 from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, Mailbox
+from cabols_control.naming import configuration_name, limb_name, reflector_name
 from cabols_control.supervision.modes import OperatingMode
 
 ALIVE_S = 2.0
@@ -221,9 +222,9 @@ _SENTENCES: dict[str, Callable[[dict[str, Any]], str]] = {
     "set_mode": lambda f: f"asks for {OperatingMode(f['mode']).name}",
     "record": lambda f: "start recording" if f["data"] else "stop recording",
     "run_program": lambda f: f"run {Path(f['program']).name}, scale {f['scale']:g}",
-    "move_to_configuration": lambda f: f"move to configuration {f['index']}",
-    "measure_reflector": lambda f: f"measure reflector {f['reflector'] + 1}",
-    "commission_limb": lambda f: f"commission limb {f['limb'] + 1}",
+    "move_to_configuration": lambda f: f"move to {configuration_name(f['index'])}",
+    "measure_reflector": lambda f: f"measure {reflector_name(f['reflector'])}",
+    "commission_limb": lambda f: f"commission {limb_name(f['limb'])}",
     "run_stiffness_test": lambda f: f"stiffness campaign into {Path(f['folder']).name}",
 }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from cabols_control.naming import number
+
 
 def view_html() -> str:
     """Three-dimensional view."""
@@ -27,7 +29,7 @@ def limbs_html(cables: int) -> str:
 
 def _limb(i: int) -> str:
     return (
-        f'<tr><th scope="row">{i + 1}</th>'
+        f'<tr><th scope="row">{number(i)}</th>'
         f'<td><div style="display:flex;gap:8px;align-items:center"><div class="gauge" '
         f'style="flex:1"><i id="tb-{i}"></i><b id="tm-{i}"></b><u style="left:calc(100% - 2px)">'
         f'</u></div><span id="t-{i}" class="n" style="width:62px;text-align:right">&ndash;</span>'

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from cabols_control.console.latest import WARNING
+from cabols_control.naming import configuration_name, limb_name, reflector_name
 from cabols_control.supervision.modes import OperatingMode
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ class RobotPanel:
         self._own = own
         count = own.desk.settings.configurations
         reflectors = len(own.desk.settings.scene["reflectors"])
-        places = {i: f"Configuration {i}" for i in range(count)}
+        places = {i: configuration_name(i).capitalize() for i in range(count)}
         self._index, self._move = chooser(
             places, "Stored configuration", "Move", self._do_move, "move"
         )
@@ -114,7 +115,7 @@ class RobotPanel:
             "Stop the robot", lambda: own.cancel("move_to_configuration"), "move-cancel"
         )
         self._moved = ui.html("", sanitize=True).classes("verdict")
-        targets = {i: f"Reflector {i + 1}" for i in range(reflectors)}
+        targets = {i: reflector_name(i).capitalize() for i in range(reflectors)}
         self._reflector, self._measure = chooser(
             targets, "Laser tracker", "Measure", self._do_measure, "measure"
         )
@@ -149,7 +150,7 @@ class LimbPanel:
         self._own = own
         cables = own.desk.settings.cables
         self._limb = (
-            ui.select({i: f"Limb {i + 1}" for i in range(cables)}, value=0, label="Limb")
+            ui.select({i: limb_name(i).capitalize() for i in range(cables)}, value=0, label="Limb")
             .props("dense outlined options-dense")
             .classes("full-width")
         )

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from cabols_control.naming import number, place_name, reflector_name
 from cabols_control.supervision.modes import MOVING, NEXT, OperatingMode
 
 SILENT_S = 3.5
@@ -196,7 +197,7 @@ def _robot(report: LoopReport | None, now_s: float) -> tuple[str, str, str]:
 def _beam(measured: Measured | None) -> tuple[str, str, str]:
     if measured is None:
         return "Tracker's beam", WAIT, "nothing measured yet"
-    name = f"reflector {measured.reflector + 1}"
+    name = reflector_name(measured.reflector)
     if not measured.success:
         return "Tracker's beam", BAD, f"{name}: {measured.reason}"
     return "Tracker's beam", OK, f"{name}: scatter {1e6 * measured.rms_m:.0f} um"
@@ -235,8 +236,7 @@ def campaign_view(
     if skipped:
         text += f", {skipped} given up"
     if active:
-        text += f", {duration_text(remaining_s)}; configuration {place[0]}, "
-        text += f"reflector {place[1] + 1}, load {place[2] + 1}"
+        text += f", {duration_text(remaining_s)}; {place_name(*place)}"
     return {
         "active": active,
         "paused": phase in ("paused", "pausing"),
@@ -273,7 +273,7 @@ def estimate_rows(
         )
         joints.append(
             {
-                "joint": i + 1,
+                "joint": number(i),
                 "stiffness": rounded(stiffness[i], 0) if known else None,
                 "low": rounded(stiffness[i] - 1.96 * deviation[i], 0) if known else None,
                 "high": rounded(stiffness[i] + 1.96 * deviation[i], 0) if known else None,

@@ -18,6 +18,7 @@ from cabols_control.limb_control.references import (
     ramp_into,
     references_into,
 )
+from cabols_control.naming import limb_name, limb_names
 from cabols_control.rig import Rig
 from cabols_control.supervision.clock import clock_fault
 from cabols_control.supervision.modes import MOVING, OperatingMode
@@ -236,7 +237,7 @@ class LimbController:
             )
         if b"\x00" in sample.zeroed[self._pick].tobytes():
             missing = self.limbs[~sample.zeroed[self.limbs].astype(bool)]
-            return f"limbs {missing.tolist()} are not pre-tightened"
+            return f"not pre-tightened: {limb_names(missing)}"
         return ""
 
     def _watch_excitation(self, excitation: Excitation, mode: OperatingMode, dt_s: float) -> None:
@@ -292,7 +293,7 @@ class LimbController:
             return
         where = np.flatnonzero(self.limbs == excitation.limb)
         if where.size == 0:
-            excitation.abort(f"limb {excitation.limb} belongs to another controller")
+            excitation.abort(f"{limb_name(excitation.limb)} belongs to another controller")
             return
         kind, value = excitation.step(sample)
         if excitation.done:

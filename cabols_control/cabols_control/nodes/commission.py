@@ -27,6 +27,7 @@ from cabols_control.commissioning.results import (
 )
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
+from cabols_control.naming import limb_index, limb_name, number
 from cabols_control.rig import Rig, load_rig
 from cabols_control.ros import topics, transport
 from cabols_control.ros.limb_trace import LimbTrace
@@ -148,7 +149,7 @@ class Tool:
         rows = self._trace.rows()
         step = _step_of(rows) if np.isfinite(result.gain) else None
         ramp = _ramp_of(rows, self._rig, result.limb) if np.isfinite(result.stiffness) else None
-        save(draw_limb(result, step, ramp), folder / f"limb_{result.limb + 1}.png")
+        save(draw_limb(result, step, ramp), folder / f"limb_{number(result.limb)}.png")
 
 
 def _step_of(rows: np.ndarray) -> dict[str, np.ndarray] | None:
@@ -216,12 +217,14 @@ def main() -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     cables = rig.geometry.cables
-    limbs = [number - 1 for number in arguments.limb or range(1, cables + 1)]
-    if not set(limbs) <= set(range(cables)):
-        print(f"error: --limb: expected 1 to {cables}, got {arguments.limb}", file=sys.stderr)
+    try:
+        limbs = [limb_index(typed, cables) for typed in arguments.limb or ()]
+    except CabolsError as error:
+        print(f"error: --{error}", file=sys.stderr)
         return 2
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _interrupt)
+    limbs = limbs or list(range(cables))
+    for which in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(which, _interrupt)
     transport.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     tool = Tool(rig, arguments.speed)
     results: dict[int, LimbResult] = {}
@@ -254,7 +257,7 @@ def _commission(
         print("error: no action commission_limb: is the rig running?", file=sys.stderr)
         return 1
     for limb in limbs:
-        tool.say(f"limb {limb + 1} of {rig.geometry.cables}")
+        tool.say(f"{limb_name(limb)} of {rig.geometry.cables}")
         goal = CommissionLimb.Goal(
             limb=limb,
             step=not arguments.no_step,
@@ -263,9 +266,9 @@ def _commission(
             ramp_tension=arguments.ramp_tension,
         )
         done, result = tool.run(goal)
-        tool.say(f"limb {limb + 1}: {result.message}")
+        tool.say(f"{limb_name(limb)}: {result.message}")
         if not done:
-            print(f"error: limb {limb + 1}: {result.message}", file=sys.stderr)
+            print(f"error: {limb_name(limb)}: {result.message}", file=sys.stderr)
             return 1
         results[limb] = result
         # After each limb, so that an interruption leaves what was done.

@@ -24,6 +24,7 @@ from cabols_control.commissioning.programmes import (
 from cabols_control.commissioning.results import evaluate_ramp, evaluate_step
 from cabols_control.errors import CabolsError
 from cabols_control.limb_control.controller import LimbController
+from cabols_control.naming import limb_names
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
@@ -125,7 +126,9 @@ class CommissionServer:
     def _judge(self, request: Any) -> CommissioningConfig:
         limbs = self._controller.limbs.tolist()
         if request.limb not in limbs:
-            raise CommissioningError(f"limb: expected one of {limbs}, got {request.limb}")
+            raise CommissioningError(
+                f"limb: expected one of the indices {limbs} (from 0), got {request.limb}"
+            )
         if not (request.step or request.ramp):
             raise CommissioningError("expected step or ramp, or both, got neither")
         if self._node.seen_mode != OperatingMode.STOPPED:
@@ -202,9 +205,9 @@ class CommissionServer:
             if self._node.seen_mode == OperatingMode.FAULT:
                 raise CommissioningError("the rig went to FAULT during pre-tightening")
             if waited > PRETIGHTENED_S:
-                left = (np.flatnonzero(~self._node.zeroed()) + 1).tolist()
+                left = limb_names(np.flatnonzero(~self._node.zeroed()))
                 raise CommissioningError(
-                    f"limbs {left} did not reach their switch within {PRETIGHTENED_S:g} s"
+                    f"{left} did not reach their switch within {PRETIGHTENED_S:g} s"
                 )
             handle.publish_feedback(CommissionLimb.Feedback(phase="pre-tightening"))
             await pause(self._node, POLL_S)

@@ -30,7 +30,7 @@ class LimbControllerNode(ControlNode):
         """Subscribe to limb_state, tension_command and mode; advertise motor_current."""
         super().__init__("limb_controller")
         geometry = self.rig.geometry
-        subset = declare(self, "limbs", NO_SUBSET, "limb indices from 0 to drive; [-1]: all")
+        subset = declare(self, "limbs", NO_SUBSET, "limbs to drive, indices from 0; [-1]: all")
         limbs = list(range(geometry.cables)) if list(subset) == NO_SUBSET else list(subset)
         if not limbs or sorted(set(limbs) & set(range(geometry.cables))) != sorted(limbs):
             raise ConfigError(
@@ -138,7 +138,7 @@ class LimbControllerNode(ControlNode):
     def _sample(self, record: np.void) -> LimbSample:
         if record["limb"].tobytes() != self._expected_limbs:
             self._controller.trip(
-                f"limb_state: expected limbs 0 to {self._cables.size - 1} in order, "
+                f"limb_state: expected the indices 0 to {self._cables.size - 1} in order, "
                 f"got {record['limb'].tolist()}"
             )
         return _sample_of(record, 1e-9 * self._state.stamp_ns)
@@ -171,7 +171,7 @@ class LimbControllerNode(ControlNode):
     def _read_command(self, record: np.void) -> TensionSetpoint | None:
         if record["limb"].tobytes() != self._expected_limbs:
             self._controller.trip(
-                f"tension_command: expected limbs 0 to {self._cables.size - 1} in order, "
+                f"tension_command: expected the indices 0 to {self._cables.size - 1} in order, "
                 f"got {record['limb'].tolist()}"
             )
             return None

@@ -187,8 +187,8 @@ class WrenchControllerNode(ControlNode):
         values = np.array(record["tension"])
         if record["limb"].tobytes() != self._limbs or not np.isfinite(values).all():
             self._refused = (
-                f"desired_tension: expected finite numbers for limbs 0 to {values.size - 1} in "
-                f"order, got {values.tolist()} for {record['limb'].tolist()}"
+                f"desired_tension: expected finite numbers for the indices 0 to "
+                f"{values.size - 1} in order, got {values.tolist()} for {record['limb'].tolist()}"
             )
         else:
             self._refused = ""

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 
 from cabols_control.checks import BoolArray, FloatArray, finite_array, rotation_matrix
 from cabols_control.errors import ShapeError
+from cabols_control.naming import number
 from cabols_control.registration.rigid_fit import (
     RegistrationError,
     cross_matrix,
@@ -201,7 +202,7 @@ def register_frame(
     poses, count = origins.shape[0], points.shape[0]
     axes = finite_array("rotations", rotations, (poses, 3, 3))
     for index in range(poses):
-        rotation_matrix(f"rotations[{index}]", axes[index])
+        rotation_matrix(f"rotations, pose {number(index)}", axes[index])
     mask = _mask(valid, poses, count)
     # What was not measured may be NaN: it is replaced before the guard looks, and left out below.
     seen = finite_array(
@@ -255,7 +256,7 @@ def register_frame(
             common[:, :, 3:] = -cross_matrix(found[use] @ axes[k].T)
             noise = block_diag(*(rotation @ weights[k, use] @ rotation.T))
             slip = common.reshape(-1, 6)
-            white = whitener(f"pose {k}", noise + slip @ robot @ slip.T)
+            white = whitener(f"pose {number(k)}", noise + slip @ robot @ slip.T)
             rows.append(white @ residuals[k, use].ravel())
             columns.append(white @ jacobian.reshape(-1, unknowns))
         return np.concatenate(rows), np.vstack(columns)

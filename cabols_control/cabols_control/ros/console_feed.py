@@ -32,6 +32,7 @@ from cabols_control.console.view_models import (
     mode_view,
     numbers,
 )
+from cabols_control.naming import reflector_name
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name, live_qos
@@ -223,7 +224,7 @@ class Feed:
             self._beam = Measured(
                 int(message.reflector), bool(message.success), message.reason, message.rms
             )
-            name = f"reflector {message.reflector + 1}"
+            name = reflector_name(message.reflector)
             if message.success:
                 p = message.position
                 text = f"{name} at {p.x:.5f}, {p.y:.5f}, {p.z:.5f} m in the tracker's frame"

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cabols_control.checks import FloatArray
+from cabols_control.naming import limb_name
 from cabols_control.rig import load_rig
 from cabols_control.run_report.figures_of_merit import summarise
 from cabols_control.run_report.run import BenchRun
@@ -145,7 +146,7 @@ def _draw_limbs(axes: Axes, run: BenchRun, values: FloatArray, ylabel: str) -> N
     for limb in range(run.limbs):
         colour = LIMB_COLOURS[limb % len(LIMB_COLOURS)]
         style = "-" if limb < len(LIMB_COLOURS) else ":"
-        label = f"limb {limb + 1}"
+        label = limb_name(limb)
         _curve(
             axes, run.time[rows], values[rows, limb], color=colour, ls=style, lw=1.2, label=label
         )
@@ -268,7 +269,7 @@ def draw_story(run: BenchRun) -> Figure:
         for limb in range(run.limbs):
             colour = LIMB_COLOURS[limb % len(LIMB_COLOURS)]
             curve = (run.time - start, run.tension[:, limb])
-            _curve(axes, *curve, color=colour, lw=1.1, label=f"limb {limb + 1}")
+            _curve(axes, *curve, color=colour, lw=1.1, label=limb_name(limb))
         tidy(axes, label)
     free_limit(low, run, start, LIMIT)
     low.set_ylim(-1.0, FREE_SCALE_N)

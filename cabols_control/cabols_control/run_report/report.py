@@ -23,6 +23,7 @@ from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cabols_control.checks import FloatArray
+from cabols_control.naming import limb_name
 from cabols_control.run_report.figures import (
     DESIRED,
     DPI,
@@ -224,7 +225,7 @@ def _limbs(plot: Any, time: FloatArray, values: FloatArray) -> None:
     for limb in range(values.shape[1]):
         colour = LIMB_COLOURS[limb % len(LIMB_COLOURS)]
         dash = "solid" if limb < len(LIMB_COLOURS) else "dotted"
-        _line(plot, time, values[:, limb], colour, f"limb {limb + 1}", dash)
+        _line(plot, time, values[:, limb], colour, limb_name(limb), dash)
     _legend(plot, "above")
 
 

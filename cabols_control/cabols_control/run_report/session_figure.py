@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from cabols_control.naming import number
 from cabols_control.run_report.motion import RecordedMotion
 from cabols_control.run_report.phases import FREE_TENSION_MAX_N, phases
 from cabols_control.run_report.run import BenchRun
@@ -83,8 +84,9 @@ def draw_motion(joints: Axes, speed: Axes, motion: RecordedMotion, start: float)
     """Draw the joints' change, the platform's speed, the tracker's measurements."""
     if motion.joint_time.size:
         change = np.degrees(motion.joints - motion.joints[0])
-        for number in range(change.shape[1]):
-            joints.plot(motion.joint_time - start, change[:, number], lw=1.6, label=f"{number + 1}")
+        for joint in range(change.shape[1]):
+            label = f"{number(joint)}"
+            joints.plot(motion.joint_time - start, change[:, joint], lw=1.6, label=label)
         joints.legend(
             title="joint", ncols=2, fontsize=TICKS - 2, title_fontsize=TICKS - 2, loc="upper right"
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from cabols_control.checks import BoolArray
+from cabols_control.naming import limb_names
 
 
 class OperatingMode(IntEnum):
@@ -160,13 +161,13 @@ class ModeMachine:
         """Judge a mode in which currents flow."""
         if condition.zeroed is None or not condition.fresh:
             return Verdict(False, "no limb state arrives: is the bridge running?")
-        slack = [str(i) for i, done in enumerate(condition.zeroed) if not done]
+        slack = [i for i, done in enumerate(condition.zeroed) if not done]
         after_tightening = self.mode == OperatingMode.PRETIGHTENING
         needs_zeros = mode == OperatingMode.LOADING or (
             mode == OperatingMode.COMMISSIONING and after_tightening
         )
         if needs_zeros and slack:
-            return Verdict(False, f"limbs not pre-tightened yet: {', '.join(slack)}")
+            return Verdict(False, f"not pre-tightened yet: {limb_names(slack)}")
         stands = condition.platform_speed <= STANDSTILL_M_PER_S
         if mode != OperatingMode.FREE_MOVING and not stands:
             return Verdict(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.naming import limb_names
 from cabols_control.supervision.clock import clock_fault
 from cabols_control.supervision.modes import (
     MOVING,
@@ -110,9 +111,9 @@ class Supervision:
     def _watch_pretightening(self, stamp_s: float) -> None:
         late = stamp_s - self._entered_s > self._config.pretension_timeout_s
         if late and self._zeroed is not None and not self._zeroed.all():
-            limbs = np.flatnonzero(~self._zeroed).tolist()
+            limbs = limb_names(np.flatnonzero(~self._zeroed))
             self._machine.fault(
-                f"pre-tightening: limbs {limbs} did not reach their switch within "
+                f"pre-tightening: {limbs} did not reach their switch within "
                 f"{self._config.pretension_timeout_s:g} s"
             )
 
@@ -124,7 +125,7 @@ class Supervision:
             self._entered_s = stamp_s
         elif stamp_s - self._entered_s > self._config.unload_timeout_s:
             self._machine.fault(
-                f"unloading: limbs {loaded} still pull more than {limit:g} N after "
+                f"unloading: more than {limit:g} N are still on {limb_names(loaded)} after "
                 f"{self._config.unload_timeout_s:g} s"
             )
 

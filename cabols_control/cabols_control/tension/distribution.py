@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import finite_array
 from cabols_control.errors import CabolsError, ShapeError
+from cabols_control.naming import cable_name
 
 from .kernels.basis import prepare_pose
 from .kernels.work_array import ITERATIONS, work_size
@@ -46,7 +47,7 @@ def check_limits(
         i = int(wrong[0])
         raise CabolsError(
             f"tension_min: expected at most tension_max for every cable, got {low[i]:g} N above "
-            f"{high[i]:g} N for cable {i}; swap them or widen the limits"
+            f"{high[i]:g} N for {cable_name(i)}; swap them or widen the limits"
         )
     return low, high
 

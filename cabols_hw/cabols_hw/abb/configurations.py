@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.naming import configuration_name
 from cabols_control.rig_folder import rig_file
 
 
@@ -56,8 +57,8 @@ class RobotConfigurations:
         """
         if not 0 <= index < len(self.configurations):
             raise CabolsError(
-                f"configuration: expected an index of 0 to {len(self.configurations) - 1}, "
-                f"got {index}"
+                f"{configuration_name(index)}: expected one of the "
+                f"{len(self.configurations)} that are stored"
             )
         return np.deg2rad(np.array(self.configurations[index], dtype=np.float64))
 

@@ -16,6 +16,7 @@ import requests
 from abb_robot_client.rws import RWS, ABBException
 from requests.adapters import HTTPAdapter
 
+from cabols_control.naming import configuration_name
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
 
 T = TypeVar("T")
@@ -202,9 +203,10 @@ class RobotMover:
             MoveAbortedError: after an interruption or the time-out; the robot has been stopped.
             RobotError: for everything else.
         """
+        motion = f"robot: motion to {configuration_name(index)}"
         reason = interrupted()
         if reason:
-            raise MoveAbortedError(f"robot: motion to {index} not begun: {reason}")
+            raise MoveAbortedError(f"{motion} not begun: {reason}")
         give_up = time.monotonic() + timeout_s
         self.check_ready()
         try:
@@ -214,7 +216,7 @@ class RobotMover:
                 if not reason and time.monotonic() > give_up:
                     reason = f"not done within {timeout_s:g} s"
                 if reason:
-                    raise MoveAbortedError(f"robot: motion to {index} aborted: {reason}")
+                    raise MoveAbortedError(f"{motion} aborted: {reason}")
                 time.sleep(poll_s)
         except RobotError as error:
             self._abort_after(error)

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray, IntArray
+from cabols_control.naming import limb_names
 
 
 @njit(cache=True)
@@ -66,7 +67,7 @@ class CommandWatchdog:
         stale = now_s - self.newest > self._timeout
         if stale.any() and not self.fault:
             self.fault = (
-                f"no motor_current for limbs {np.flatnonzero(stale).tolist()} for "
+                f"no motor_current for {limb_names(np.flatnonzero(stale))} for "
                 f"{1e3 * self._timeout:.0f} ms: zero current; is the limb controller running?"
             )
         return not self.fault

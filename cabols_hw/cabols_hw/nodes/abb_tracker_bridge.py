@@ -199,7 +199,9 @@ class AbbTrackerBridge(ControlNode):
         if self._motion is not None:
             return "a motion is under way"
         if not request.index < len(self._configurations):
-            return f"expected an index below {len(self._configurations)}, got {request.index}"
+            return (
+                f"expected an index from 0 to {len(self._configurations) - 1}, got {request.index}"
+            )
         return self._forbidden()
 
     async def _move(self, handle: Any) -> Any:

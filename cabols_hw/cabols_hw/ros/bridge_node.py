@@ -299,7 +299,7 @@ class BridgeNode(ControlNode):
         if not self._guard.command(limbs, current, self._newest_s):
             count = self.rig.geometry.cables
             self._refused = (
-                f"motor_current: expected finite numbers for limbs below {count}, got "
+                f"motor_current: expected finite numbers for indices below {count} (from 0), got "
                 f"{current.tolist()} for {limbs.tolist()}"
             )
             return

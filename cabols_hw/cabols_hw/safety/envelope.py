@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.naming import limb_name
 from cabols_control.rig import Rig
 from cabols_control.supervision.modes import LOADED, MOVING, OVERLOAD, OperatingMode
 from cabols_hw.bridge.bridge import SATURATED_VOLTS, Bridge
@@ -179,26 +180,28 @@ class SafetyEnvelope:
             return None
         config, tension = self._config, float(bridge.tension[i])
         if rule == rules.ENCODER:
-            return Fault("encoder", f"limb {i}: jumped to {self._last_speed[i]:.1f} m/s", i)
+            return Fault("encoder", f"{limb_name(i)}: jumped to {self._last_speed[i]:.1f} m/s", i)
         if rule == rules.TENSION:
             return Fault(
-                "tension", f"limb {i} pulls {tension:.1f} N, {config.tension_max:g} N allowed"
+                "tension", f"{limb_name(i)} pulls {tension:.1f} N, {config.tension_max:g} N allowed"
             )
         if rule == rules.CABLE:
             return self._cable_or_switch(i, bridge)
         if rule == rules.SWITCH:
             payout = 1e3 * config.switch_payout
-            return Fault("switch", f"limb {i}: closed after paying out {payout:.0f} mm: stuck?", i)
+            return Fault(
+                "switch", f"{limb_name(i)}: closed after paying out {payout:.0f} mm: stuck?", i
+            )
         if rule == rules.CURRENT:
             return Fault(
                 "current",
-                f"limb {i}: at its limit of {self._limb_limits[4]:g} A for "
+                f"{limb_name(i)}: at its limit of {self._limb_limits[4]:g} A for "
                 f"{1e3 * config.current_saturated:.0f} ms",
                 i,
             )
         return Fault(
             "motion",
-            f"limb {i}: more than {config.motion_current:g} A are not in its motion; "
+            f"{limb_name(i)}: more than {config.motion_current:g} A are not in its motion; "
             "jammed, a slipping encoder or an amplifier's offset?",
             i,
         )
@@ -212,10 +215,11 @@ class SafetyEnvelope:
         if missing > 0.5 * tension:
             return Fault(
                 "cable",
-                f"limb {i}: elongation says {tension:.1f} N, switch and sensor say none: broken?",
+                f"{limb_name(i)}: elongation says {tension:.1f} N, switch and sensor say none: "
+                "broken?",
                 i,
             )
-        return Fault("switch", f"limb {i}: open at an estimated {tension:.1f} N: stuck?", i)
+        return Fault("switch", f"{limb_name(i)}: open at an estimated {tension:.1f} N: stuck?", i)
 
     def _judge_sensor(self, dt_s: float, bridge: Bridge) -> Fault | None:
         rule, gauge = rules.judge_sensor(
@@ -291,7 +295,7 @@ class SafetyEnvelope:
         i = int(np.argmax(along))
         return Fault(
             "switch",
-            f"limb {i}: the pull has grown to {size:.0f} N in PRETIGHTENING, by more than "
+            f"{limb_name(i)}: the pull has grown to {size:.0f} N in PRETIGHTENING, by more than "
             f"{self._config.pretension_force:g} N, and its switch is open: stuck?",
             i,
         )

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.errors import CabolsError
+from cabols_control.naming import reflector_name
 from cabols_hw.tracker import tracker_pb2 as pb
 from cabols_hw.tracker.beam import predicted_covariance
 from cabols_hw.tracker.config import TrackerConfig, load_tracker_config
@@ -174,8 +175,8 @@ class TrackerClient:
         if expected is None:
             if self._expected is None:
                 raise TrackerError(
-                    f"reflector {reflector}: expected to be told where it should be, got nothing; "
-                    "pass expected=, or a callable to TrackerClient",
+                    f"{reflector_name(reflector)}: expected to be told where it should be, got "
+                    "nothing; pass expected=, or a callable to TrackerClient",
                     "INVALID_ARGUMENT",
                 )
             expected = self._expected(reflector)

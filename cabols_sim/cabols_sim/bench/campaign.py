@@ -19,6 +19,7 @@ import yaml
 from cabols_control.bringup.graph import NodeSpec
 from cabols_control.bringup.processes import Ended, executable_path
 from cabols_control.configuration import load_config
+from cabols_control.naming import number
 from cabols_control.rig_folder import rig_file
 from cabols_sim.bench.commission import ToolSpec
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
@@ -122,13 +123,13 @@ def compare(folder: Path, robot_file: str = "") -> tuple[str, float]:
         value, deviation = joint["stiffness_nm_per_rad"], joint["standard_deviation_nm_per_rad"]
         true = truth.stiffness[j]
         if value is None:
-            lines.append(f"{j + 1:5d}  {true:15.0f}   not identifiable")
+            lines.append(f"{number(j):5d}  {true:15.0f}   not identifiable")
             worst = np.inf
             continue
         error = value / true - 1.0
         worst = max(worst, abs(error))
         lines.append(
-            f"{j + 1:5d}  {true:15.0f}  {value:15.0f}  {100 * error:+6.2f} %  "
+            f"{number(j):5d}  {true:15.0f}  {value:15.0f}  {100 * error:+6.2f} %  "
             f"{100 * deviation / value:8.2f} %  {SCATTER[j]:18.1f} %"
         )
     return "\n".join(lines), float(worst)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.errors import CabolsError, DegenerateGeometryError
 from cabols_control.geometry import MIN_CABLE_LENGTH_M, RigGeometry
+from cabols_control.naming import cable_name
 
 MassLaw = Literal["variable", "no_stream", "constant"]
 MASS_LAWS: tuple[MassLaw, ...] = ("variable", "no_stream", "constant")
@@ -260,7 +261,8 @@ def check_lengths(length: FloatArray) -> None:
         DegenerateGeometryError: naming the cable.
     """
     if not length.min() >= MIN_CABLE_LENGTH_M:
+        shortest = cable_name(int(length.argmin()))
         raise DegenerateGeometryError(
-            f"cable {int(length.argmin())}: expected at least {MIN_CABLE_LENGTH_M} m between its "
+            f"{shortest}: expected at least {MIN_CABLE_LENGTH_M} m between its "
             f"points, got {length.min():.3g} m; keep the platform away from the winch"
         )

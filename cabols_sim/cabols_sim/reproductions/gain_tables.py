@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cabols_control.checks import FloatArray
+from cabols_control.naming import limb_name, number
 from cabols_control.run_report.figures import new_figure, tidy
 from cabols_control.run_report.section import ReportSection
 from cabols_sim.reproductions.common import bench
@@ -86,7 +87,7 @@ def _compare(k_i: FloatArray, k_p1: FloatArray) -> tuple[list[tuple[str, ...]], 
     """Rows of the table, misprints marked with a star, and the misprints in words."""
     rows, errata = [], []
     for limb in range(k_i.size):
-        row = [str(limb + 1)]
+        row = [str(number(limb))]
         for name, value, printed in (
             ("k_I", k_i[limb], PRINTED_K_I),
             ("k_P1", k_p1[limb], PRINTED_K_P1),
@@ -97,7 +98,7 @@ def _compare(k_i: FloatArray, k_p1: FloatArray) -> tuple[list[tuple[str, ...]], 
                 row.append(f"{columns[limb]:.4f}" + " *" * wrong)
                 if wrong:
                     errata.append(
-                        f"limb {limb + 1}: {name} computed {value:.4f}, "
+                        f"{limb_name(limb)}: {name} computed {value:.4f}, "
                         f"{table} prints {columns[limb]:.4f}"
                     )
         rows.append(tuple(row))

@@ -12,6 +12,7 @@ from cabols_control.limb import (
     identify_limb_with_friction,
     step_response,
 )
+from cabols_control.naming import limb_name
 from cabols_control.run_report.figures import new_figure, tidy
 from cabols_control.run_report.section import ReportSection
 from cabols_sim.plant.config import PlantConfig
@@ -116,7 +117,7 @@ def _result(
         f"{np.abs(bias['friction']).max():.2f} %, friction {frictions.mean():.4f} A. Biases are "
         "against k / (1 + k c), since the plant's viscous friction c = "
         f"{plant.viscous_current:g} A s/m belongs to what (3.11) calls k; against table 3.1 itself "
-        f"it adds up to {-gains_off.min():.1f} % (limb {gains_off.argmin() + 1})."
+        f"it adds up to {-gains_off.min():.1f} % ({limb_name(int(gains_off.argmin()))})."
     )
     rows = tuple(
         (

@@ -19,6 +19,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 
 from cabols_control.errors import CabolsError
+from cabols_control.naming import configuration_name, reflector_name
 from cabols_control.rig import load_rig
 from cabols_control.ros import topics, transport
 from cabols_control.ros.loop import Input
@@ -158,9 +159,10 @@ class Story:
         self._enter(OperatingMode.FREE_MOVING)
         self._pause(SETTLE_S)
         for index in self._plan.configurations:
-            self._say(f"robot to configuration {index}")
+            place = configuration_name(index)
+            self._say(f"robot to {place}")
             result = self._act(MoveToConfiguration, MoveToConfiguration.Goal(index=index))
-            self._expect(result.success, f"move to configuration {index}: {result.message}")
+            self._expect(result.success, f"move to {place}: {result.message}")
         self._measure()
         self._pretighten("pre-tightening again, where the load will be")
         self._say(f"loading: {self._plan.program}, {self._plan.duration_s:g} s")
@@ -182,15 +184,15 @@ class Story:
         self._node.destroy_subscription(reports)
 
     def _measure(self) -> None:
-        number = self._plan.reflector
-        self._say(f"laser tracker measures reflector {number}")
-        goal = MeasureReflector.Goal(reflector=number, search=True)
+        name = reflector_name(self._plan.reflector)
+        self._say(f"laser tracker measures {name}")
+        goal = MeasureReflector.Goal(reflector=self._plan.reflector, search=True)
         result = self._act(MeasureReflector, goal)
-        self._expect(result.success, f"measurement of reflector {number}: {result.message}")
+        self._expect(result.success, f"measurement of {name}: {result.message}")
         found = result.measurement
         p = found.position
         self._say(
-            f"reflector {number} at ({p.x:.4f}, {p.y:.4f}, {p.z:.4f}) m in the tracker's frame, "
+            f"{name} at ({p.x:.4f}, {p.y:.4f}, {p.z:.4f}) m in the tracker's frame, "
             f"scatter {1e6 * found.rms:.0f} um"
         )
 

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cabols_control.checks import FloatArray
+from cabols_control.naming import cable_name, number
 from cabols_control.rig import Rig
 from cabols_control.run_report.figures import LIMB_COLOURS, LIMIT, limit_line, new_figure, tidy
 from cabols_control.run_report.figures_of_merit import designed_response
@@ -39,7 +40,7 @@ def draw_layout(robot: CableRobot, run: CaseRun) -> Figure:
     for i, (base, point) in enumerate(zip(robot.base_points, robot.platform_points, strict=True)):
         end = middle[:2] + turn @ point[:2]
         left.plot([base[0], end[0]], [base[1], end[1]], color=LIMB_COLOURS[i], lw=1.6)
-        left.annotate(f"$A_{i + 1}$", base[:2], fontsize=11)
+        left.annotate(f"$A_{number(i)}$", base[:2], fontsize=11)
     left.plot(run.coordinates[:, 0], run.coordinates[:, 1], color="#b2182b", lw=3)
     left.set_aspect("equal")
     tidy(left, "y [m], up", "x [m]")
@@ -90,7 +91,7 @@ def draw_tensions(runs: Mapping[str, CaseRun]) -> Figure:
     for i in range(cables):
         for name, run in runs.items():
             grid[0, i].plot(run.time, 1e-3 * run.tension[:, i], label=name, **MODEL_STYLES[name])
-        grid[0, i].set_title(f"cable {i + 1}", fontsize=11)
+        grid[0, i].set_title(cable_name(i), fontsize=11)
         if i < 2:
             limit_line(grid[0, i], 1e-3 * TENSION_MIN, "")
         change = runs["without (2.28)"].tension - runs["as published"].tension
@@ -172,7 +173,7 @@ def draw_frequencies(found: Frequencies, fastest: float) -> Figure:
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 1.6))
     for i in range(found.tension.shape[1]):
         style = {"color": LIMB_COLOURS[i % len(LIMB_COLOURS)], "lw": 1.3, "where": "post"}
-        top.step(found.time, found.tension[:, i], label=f"cable {i + 1}", **style)
+        top.step(found.time, found.tension[:, i], label=cable_name(i), **style)
     tidy(top, "tension [N]")
     top.legend(fontsize=8, ncols=2, loc="upper right")
     curves: list[tuple[FloatArray, str, str]] = [

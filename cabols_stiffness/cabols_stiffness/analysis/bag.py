@@ -14,6 +14,7 @@ from cabols_control.bags.metadata import custom_data, read_metadata
 from cabols_control.bags.names import relative
 from cabols_control.bags.reader import batches
 from cabols_control.geometry import load_geometry
+from cabols_control.naming import place_name, reflector_name
 from cabols_control.stamps import column_ns
 from cabols_stiffness.campaign.plan import CampaignPlan
 from cabols_stiffness.errors import CampaignError
@@ -208,9 +209,9 @@ class _Reader:
             return
         if tension.size != plan.limbs or reflector >= len(plan.rig.reflectors):
             raise CampaignError(
-                f"{self._bag}: stiffness_load: expected {plan.limbs} tensions and reflectors below "
-                f"{len(plan.rig.reflectors)}, got {tension.size} and reflector {reflector}; is "
-                "this its campaign.yaml?"
+                f"{self._bag}: stiffness_load: expected {plan.limbs} tensions and one of "
+                f"{len(plan.rig.reflectors)} reflectors, got {tension.size} and "
+                f"{reflector_name(reflector)}; is this its campaign.yaml?"
             )
 
     def _settle(self, newest_ns: int | None) -> None:
@@ -224,7 +225,7 @@ class _Reader:
         self._waiting = left
 
     def _measured(self, load: _Announced) -> MeasuredLoad:
-        what = "{}, reflector {}, load {}".format(*load.whole[:3])
+        what = place_name(*load.whole[:3])
         reading = next(
             (
                 r
@@ -236,12 +237,12 @@ class _Reader:
         if reading is None:
             raise CampaignError(
                 f"{self._bag}: reflector_measurement: expected one within the window of "
-                f"configuration {what}, got none; was that topic recorded throughout?"
+                f"{what}, got none; was that topic recorded throughout?"
             )
         try:
             mean = average(self._wrenches, self._joints, load.begin_ns, load.end_ns)
         except CampaignError as error:
-            raise CampaignError(f"{self._bag}: configuration {what}: {error}") from error
+            raise CampaignError(f"{self._bag}: {what}: {error}") from error
         place = (reading["position"], reading["covariance"])
         return MeasuredLoad(*load.whole, load.begin_ns, load.end_ns, load.tension, mean, *place)
 

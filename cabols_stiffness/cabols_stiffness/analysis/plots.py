@@ -12,6 +12,7 @@ from bokeh.models.ranges import FactorRange
 from bokeh.plotting import figure
 
 from cabols_control.checks import FloatArray
+from cabols_control.naming import number
 from cabols_stiffness.analysis.study import Study
 from cabols_stiffness.identification.validation import Validation, validate
 from cabols_stiffness.model.robot import JOINTS
@@ -25,11 +26,11 @@ POSE = ("x [mm]", "y [mm]", "z [mm]", "rotation x [mrad]", "rotation y [mrad]", 
 
 def joint_plots(study: Study) -> list[Any]:
     """Stiffness of each joint at each configuration, with the pooled value and its interval."""
-    names = [str(number) for number, _ in study.by_configuration]
+    names = [str(number(index)) for index, _ in study.by_configuration]
     values = np.array([found for _, found in study.by_configuration])
     plots = []
     for j in range(JOINTS):
-        plot = _plot("configuration", f"k{j + 1} [N m/rad]", FactorRange(factors=names))
+        plot = _plot("configuration", f"k{number(j)} [N m/rad]", FactorRange(factors=names))
         plot.yaxis.formatter = NumeralTickFormatter(format="0,0")
         known = np.isfinite(values[:, j])
         plot.scatter(
@@ -70,15 +71,15 @@ def validation_plots(validation: Validation) -> list[Any]:
 def load_plots(study: Study) -> list[Any]:
     """Wrenches in the order of measurement, and what is left of the displacements."""
     wrench = study.samples.wrench
-    number = np.arange(1, len(wrench) + 1)
+    count = np.arange(1, len(wrench) + 1)
     plots = [
-        _curves("force [N]", number, wrench[:, :3], FORCES),
-        _curves("torque [N m]", number, wrench[:, 3:], TORQUES),
+        _curves("force [N]", count, wrench[:, :3], FORCES),
+        _curves("torque [N m]", count, wrench[:, 3:], TORQUES),
     ]
     found = validate(study.result, study.samples, study.robot)
     left = 1e6 * (found.measured - found.predicted)
     axes = (("x", "#1f5fa8"), ("y", "#c0392b"), ("z", "#2e8b57"))
-    residual = _curves("measured minus predicted [um]", number, left, axes, dots=True)
+    residual = _curves("measured minus predicted [um]", count, left, axes, dots=True)
     band = 1e6 * float(np.median(found.band))
     for edge in (-band, band):
         residual.add_layout(Span(location=edge, line_color=INK, line_dash="dashed"))
@@ -88,7 +89,7 @@ def load_plots(study: Study) -> list[Any]:
 
 def _curves(
     label: str,
-    number: Any,
+    count: Any,
     values: FloatArray,
     names: tuple[tuple[str, str], ...],
     dots: bool = False,
@@ -97,9 +98,9 @@ def _curves(
     items = []
     for column, (name, colour) in enumerate(names):
         if dots:
-            drawn = plot.scatter(number, values[:, column], color=colour, size=4)
+            drawn = plot.scatter(count, values[:, column], color=colour, size=4)
         else:
-            drawn = plot.line(number, values[:, column], color=colour, line_width=1.2)
+            drawn = plot.line(count, values[:, column], color=colour, line_width=1.2)
         items.append((name, drawn))
     _legend(plot, items)
     return plot

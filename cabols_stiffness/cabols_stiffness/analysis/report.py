@@ -11,6 +11,7 @@ from bokeh.embed import components
 from bokeh.resources import Resources
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from cabols_control.naming import number
 from cabols_stiffness.analysis.plots import joint_plots, load_plots, validation_plots
 from cabols_stiffness.analysis.source import Source
 from cabols_stiffness.analysis.study import Study
@@ -19,6 +20,10 @@ from cabols_stiffness.model.compliance import compliance_table
 
 RATED_N = 60.0
 """Weight of the rated load of an IRB 1600-6, about."""
+
+
+PLACE = ("configuration", "reflector", "load")
+"""Columns of log.csv that hold indices from 0."""
 
 
 def write_report(
@@ -46,13 +51,7 @@ def write_report(
     )
     header, rows = stiffness_table(study)
     failures = [
-        {
-            "what": "failed",
-            "configuration": str(failure[0]),
-            "reflector": str(failure[1]),
-            "load": str(failure[2]),
-            "reason": failure[3],
-        }
+        dict(zip(PLACE, map(str, failure[:3]), strict=True), what="failed", reason=failure[3])
         for failure in source.failures
     ]
     where = f"{len(study.loads)} loads at {len(study.by_configuration)} configurations"
@@ -69,7 +68,7 @@ def write_report(
         load_plots=divs[len(joints) + len(checked) :],
         rated=RATED_N,
         compliance=compliance_table(study.result, study.robot, study.samples.joints[0], RATED_N),
-        log=list(log) or failures,
+        log=[_for_people(row) for row in list(log) or failures],
         provenance={**source.parameters, **_hashes(source)},
         campaign=yaml.safe_dump(asdict(study.plan), sort_keys=False, default_flow_style=None),
     )
@@ -80,3 +79,8 @@ def write_report(
 
 def _hashes(source: Source) -> dict[str, str]:
     return {f"SHA-256 of {path}": digest for path, digest in source.bags.items()}
+
+
+def _for_people(row: dict[str, str]) -> dict[str, str]:
+    """A row of log.csv with its indices as the numbers that people read."""
+    return {**row, **{name: str(number(int(row[name]))) for name in PLACE}}

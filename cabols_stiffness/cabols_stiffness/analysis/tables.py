@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cabols_control.naming import joint_name, number
 from cabols_stiffness.analysis.study import Study
 from cabols_stiffness.identification.validation import Validation
 from cabols_stiffness.measurements.measured_load import columns, to_cells
@@ -19,7 +20,7 @@ Rows = list[list[str]]
 
 def stiffness_table(study: Study) -> tuple[list[str], Rows]:
     """Table 4.3: stiffness of each joint at each configuration, their mean, and what is pooled."""
-    numbers = [str(number) for number, _ in study.by_configuration]
+    numbers = [number(index) for index, _ in study.by_configuration]
     header = ["joint", *(f"conf. {n}" for n in numbers), "mean", "pooled", "deviation", "95 %"]
     values = np.array([found for _, found in study.by_configuration])
     result, rows = study.result, []
@@ -30,7 +31,7 @@ def stiffness_table(study: Study) -> tuple[list[str], Rows]:
         relative = 100.0 * result.standard_deviation[j] / result.stiffness[j]
         rows.append(
             [
-                f"k{j + 1}",
+                f"k{number(j)}",
                 *(_whole(value) for value in values[:, j]),
                 mean,
                 _whole(result.stiffness[j]),
@@ -47,12 +48,12 @@ def summary(study: Study) -> str:
     lines = ["joint   stiffness [Nm/rad]   deviation    95 % interval"]
     for j in range(JOINTS):
         if not result.identifiable[j]:
-            lines.append(f"{j + 1:5d}   not identifiable from these loads")
+            lines.append(f"{number(j):5d}   not identifiable from these loads")
             continue
         relative = 100.0 * result.standard_deviation[j] / result.stiffness[j]
         low, high = result.interval[j]
         lines.append(
-            f"{j + 1:5d}   {result.stiffness[j]:18.0f}   {relative:7.2f} %    "
+            f"{number(j):5d}   {result.stiffness[j]:18.0f}   {relative:7.2f} %    "
             f"{low:.0f} to {high:.0f}"
         )
     lines += _cubic_lines(result) + _friction_lines(result)
@@ -84,16 +85,18 @@ def _cubic_lines(result: StiffnessResult) -> list[str]:
     lines = ["joint   cubic term [Nm/rad^3]   deviation"]
     for j in range(JOINTS):
         if result.cubic_identifiable[j]:
-            lines.append(f"{j + 1:5d}   {result.cubic[j]:21.4g}   {result.cubic_deviation[j]:9.2g}")
+            lines.append(
+                f"{number(j):5d}   {result.cubic[j]:21.4g}   {result.cubic_deviation[j]:9.2g}"
+            )
         else:
-            lines.append(f"{j + 1:5d}   not identifiable from these loads")
+            lines.append(f"{number(j):5d}   not identifiable from these loads")
     return lines
 
 
 def _friction_lines(result: StiffnessResult) -> list[str]:
     """Joints whose two branches differ."""
     return [
-        f"joint {j + 1}: hysteresis, {result.friction[j]:.3g} N m of friction "
+        f"{joint_name(j)}: hysteresis, {result.friction[j]:.3g} N m of friction "
         f"(deviation {result.friction_deviation[j]:.2g})"
         for j in range(JOINTS)
         if result.friction[j] > 0.0
@@ -129,7 +132,10 @@ def write_tables(study: Study, folder: Path) -> list[Path]:
 
 
 def _stiffness_csv(study: Study) -> tuple[list[str], Rows]:
-    header = ["joint", *(f"configuration_{n}_nm_per_rad" for n, _ in study.by_configuration)]
+    header = [
+        "joint",
+        *(f"configuration_{number(i)}_nm_per_rad" for i, _ in study.by_configuration),
+    ]
     header += ["pooled_nm_per_rad", "deviation_nm_per_rad", "low_95_nm_per_rad"]
     header += ["high_95_nm_per_rad"]
     result = study.result
@@ -137,7 +143,7 @@ def _stiffness_csv(study: Study) -> tuple[list[str], Rows]:
     for j in range(JOINTS):
         single = [found[j] for _, found in study.by_configuration]
         pooled = (result.stiffness[j], result.standard_deviation[j], *result.interval[j])
-        rows.append([str(j + 1), *(repr(float(value)) for value in (*single, *pooled))])
+        rows.append([str(number(j)), *(repr(float(value)) for value in (*single, *pooled))])
     return header, rows
 
 
@@ -147,7 +153,7 @@ def _validation_csv(validation: Validation) -> tuple[list[str], Rows]:
     header = ["load", *(f"{kind}_{axis}" for kind in kinds for axis in axes)]
     tables = (validation.measured, validation.predicted, validation.band)
     rows = [
-        [str(k), *(repr(float(value)) for table in tables for value in table[k])]
+        [str(number(k)), *(repr(float(value)) for table in tables for value in table[k])]
         for k in range(len(validation.measured))
     ]
     return header, rows

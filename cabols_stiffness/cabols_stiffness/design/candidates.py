@@ -12,6 +12,7 @@ from cabols_control.cable_kernels import structure_matrix_unchecked
 from cabols_control.checks import FloatArray, IntArray, finite_array, in_range
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
+from cabols_control.naming import configuration_name
 from cabols_stiffness.model.robot import JOINTS, RobotModel
 from cabols_stiffness.model.screws import exponential, logarithm, turning
 
@@ -142,9 +143,10 @@ def candidate_loads(
         for direction in random.standard_normal((count, 6)):
             peak = _farthest(scaled, direction, low, high)
             if peak is None:
+                where = configuration_name(index)
                 raise CabolsError(
-                    f"configuration {index}: expected tensions of {low:g} to {high:g} N within the "
-                    "wrench limit, found none; narrow the range of poses"
+                    f"{where}: expected tensions of {low:g} to {high:g} N within "
+                    "the wrench limit, found none; narrow the range of poses"
                 )
             for level in levels:
                 drawn = low + level * (peak - low)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.naming import number
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measurements.window import WindowAverage
 
@@ -53,8 +54,8 @@ def columns(limbs: int) -> list[str]:
     return [
         *("configuration", "reflector", "load", "group", "branch", "begin_ns", "end_ns"),
         *("wrench_samples",),
-        *(f"tension_{i + 1}_n" for i in range(limbs)),
-        *(f"joint_{i + 1}_rad" for i in range(6)),
+        *(f"tension_{number(i)}_n" for i in range(limbs)),
+        *(f"joint_{number(i)}_rad" for i in range(6)),
         *AXES,
         *(f"deviation_{axis}" for axis in AXES),
         *(f"covariance_{pair}" for pair in pairs),

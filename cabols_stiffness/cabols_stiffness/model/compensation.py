@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import CabolsError
+from cabols_control.naming import joint_name, joint_names
 from cabols_stiffness.model.balance import Law
 from cabols_stiffness.model.prediction import Prediction, law_of, predict
 from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
@@ -61,10 +62,10 @@ def correct(
             balance the wrench, or the command is beyond a joint's limit.
     """
     if result.model == AS_PUBLISHED or not result.identifiable.all():
-        missing = ", ".join(str(j + 1) for j in np.flatnonzero(~result.identifiable))
+        missing = joint_names(np.flatnonzero(~result.identifiable))
         raise CabolsError(
             f"result: expected all joints identified by the linear or cubic model, got "
-            f"{result.model} without joints {missing or 'none'}; load them more"
+            f"{result.model}, identified all but {missing}; load them more"
         )
     at = finite_array("joints", joints, (JOINTS,))
     prediction = predict(result, robot, at, wrench, follows=follows)
@@ -79,7 +80,7 @@ def correct(
         j = int(np.flatnonzero(outside)[0])
         raise CabolsError(
             f"joints: expected a command within {robot.limits[j, 0]:.4f} to "
-            f"{robot.limits[j, 1]:.4f} rad for joint {j + 1}, got {command[j]:.4f}; move the pose"
+            f"{robot.limits[j, 1]:.4f} rad for {joint_name(j)}, got {command[j]:.4f}; move the pose"
         )
     slope = law.slope(moved)[0]
     columns = np.hstack([np.diag(-moved[0] / slope), np.diag(-(moved[0] ** 3) / slope)])

@@ -16,6 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from cabols_control.naming import configuration_name, reflector_name
 from cabols_control.ros import topics, transport
 
 START_S = 180.0
@@ -105,7 +106,8 @@ class Client:
         if feedback.note != self._note:
             self._note = feedback.note
             self._say(feedback.note)
-        line = f"configuration {feedback.configuration}, reflector {feedback.reflector}"
+        place = (configuration_name(feedback.configuration), reflector_name(feedback.reflector))
+        line = ", ".join(place)
         now = time.monotonic()
         if line == self._line and now - self._told < LINE_S:
             return

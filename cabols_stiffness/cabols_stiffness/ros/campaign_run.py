@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.kinematics import structure_matrix
+from cabols_control.naming import configuration_name, limb_names, place_name, reflector_name
 from cabols_control.ros.node import ControlNode
 from cabols_control.stamps import set_time, time_ns
 from cabols_control.supervision.modes import OperatingMode
@@ -184,7 +185,8 @@ class CampaignRun:
             reason = self._pretighten().reason
         reason = reason or self._operator.enter(OperatingMode.FREE_MOVING, MODE_S)
         reason = reason or self._operator.move(request.configuration, self._plan.move_timeout)
-        return Reply(f"robot to configuration {request.configuration}: {reason}" if reason else "")
+        where = configuration_name(request.configuration)
+        return Reply(f"robot to {where}: {reason}" if reason else "")
 
     def _pretighten(self) -> Reply:
         self.standing.phase = "pre-tightening"
@@ -194,8 +196,8 @@ class CampaignRun:
             return Reply(reason)
         self._operator.pause(FORGET_S)
         if not self._operator.until(lambda: bool(self._intake.zeroed.all()), seconds):
-            limbs = np.flatnonzero(~self._intake.zeroed).tolist()
-            return Reply(f"limbs {limbs} did not find their zero within {seconds:g} s")
+            limbs = limb_names(np.flatnonzero(~self._intake.zeroed))
+            return Reply(f"{limbs} did not find their zero within {seconds:g} s")
         return Reply()
 
     def _begin_loading(self) -> Reply:
@@ -293,7 +295,7 @@ class CampaignRun:
         if found is not None and intake.bag is not None:
             intake.bag.add("reflector_measurement", serialize_message(found), time.time_ns())
         if reason:
-            raise CampaignError(f"reflector {key.reflector}: {reason}")
+            raise CampaignError(f"{reflector_name(key.reflector)}: {reason}")
         middle_ns = time_ns(found.header.stamp)
         half_ns = round(0.5e9 * plan.averaging_time)
         begin_ns, end_ns = middle_ns - half_ns, middle_ns + half_ns
@@ -356,8 +358,7 @@ class CampaignRun:
             standing.skipped += len(request.keys)
         first = request.keys[0]
         standing.note = (
-            f"{request.what}: configuration {first.configuration}, reflector {first.reflector}, "
-            f"load {first.load}"
+            f"{request.what}: {place_name(*first)}"
             + (f" and {len(request.keys) - 1} more" if len(request.keys) > 1 else "")
             + f": {request.reason}"
         )

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.naming import joint_name
 
 ELEMENTS = 4
 """Sliders per joint; they give one after the other, so that the loop has no corner."""
@@ -147,10 +148,10 @@ class FlexibleJoints:
         torque = finite_array("hysteresis_torque", hysteresis_torque, (6,))
         reach = finite_array("hysteresis_deflection", hysteresis_deflection, (6,))
         for j in range(6):
-            in_range(f"linear[{j}]", self.linear[j], 1.0, 1e9)
-            in_range(f"cubic[{j}]", self.cubic[j], 0.0, 1e18)
-            in_range(f"hysteresis_torque[{j}]", torque[j], 0.0, 1e4)
-            in_range(f"hysteresis_deflection[{j}]", reach[j], 1e-8, 1.0)
+            in_range(f"linear of {joint_name(j)}", self.linear[j], 1.0, 1e9)
+            in_range(f"cubic of {joint_name(j)}", self.cubic[j], 0.0, 1e18)
+            in_range(f"hysteresis_torque of {joint_name(j)}", torque[j], 0.0, 1e4)
+            in_range(f"hysteresis_deflection of {joint_name(j)}", reach[j], 1e-8, 1.0)
         self.lag_s = in_range("lag_s", lag_s, 1e-4, 1.0)
         fractions = np.arange(1, ELEMENTS + 1) / ELEMENTS
         self.friction = np.repeat(torque[:, None] / ELEMENTS, ELEMENTS, axis=1)
