@@ -46,6 +46,9 @@ test: setup browser  ## run the tests
 structure: setup  ## write the tables of rooms and imports in docs/architecture.md
 	@$(BIN)/python tools/structure.py --write
 
+interface: setup  ## write docs/interface.md and the picture of the graph from the code
+	@$(BIN)/python tools/interface.py --write
+
 lint: setup  ## check style and types
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
