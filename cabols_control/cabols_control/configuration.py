@@ -1,23 +1,53 @@
-"""Typed configuration: frozen dataclasses from YAML; an unknown key is an error."""
+"""Typed configuration: frozen dataclasses from YAML; wrong keys, types and numbers are errors."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import yaml
-from pydantic import ValidationError
+import numpy as np
+from pydantic import AfterValidator, ValidationError
 
 from cabols_control.errors import ConfigError
+from cabols_control.strict_yaml import Document, parse, shown
 
 T = TypeVar("T")
 
 STRICT: Any = {"extra": "forbid"}
 """Configuration of every pydantic dataclass here: `@dataclass(frozen=True, config=STRICT)`."""
 
+MAX_FINDINGS = 5
+"""Mistakes that one message names."""
+
+_KINDS: dict[Any, tuple[str, Callable[[Any], bool]]] = {
+    float: ("a number", lambda v: isinstance(v, (int, float)) and not isinstance(v, bool)),
+    int: ("a whole number", lambda v: isinstance(v, int) and not isinstance(v, bool)),
+    bool: ("true or false", lambda v: isinstance(v, bool)),
+    str: ("text", lambda v: isinstance(v, str)),
+}
+
 _folder: ContextVar[Path | None] = ContextVar("folder", default=None)
+
+
+def within(lower: float, upper: float) -> AfterValidator:
+    """Bounds of a number, for Annotated; NaN fails.
+
+    Args:
+        lower: smallest value that is allowed.
+        upper: largest value that is allowed.
+    """
+
+    def check(value: float) -> float:
+        if not lower <= value <= upper:
+            raise ValueError(f"expected {lower:g} to {upper:g}, got {value!r}")
+        return value
+
+    return AfterValidator(check)
 
 
 def beside(name: str) -> Path:
@@ -26,7 +56,7 @@ def beside(name: str) -> Path:
 
 
 def packaged(package: str, name: str) -> Path:
-    """Path of a configuration file that is installed with a package."""
+    """Path of a data file that is installed with a package."""
     return Path(str(files(package) / "config" / name))
 
 
@@ -36,43 +66,143 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
     Raises:
         ConfigError: if the file is missing, is not YAML or is not a mapping.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-        content = yaml.safe_load(text)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error})") from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: expected YAML, got {error}") from error
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: expected a mapping of keys, got {type(content).__name__}")
+    content: dict[str, Any] = _read(path).content
     return content
 
 
-def load_config(cls: type[T], path: str | Path) -> T:
+def _read(path: str | Path) -> Document:
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read ({error})") from error
+    try:
+        document = parse(text)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    if not isinstance(document.content, dict):
+        kind = type(document.content).__name__
+        raise ConfigError(f"{path}: expected a mapping of keys, got {kind}")
+    return document
+
+
+def load_config(
+    cls: type[T],
+    path: str | Path,
+    shared: Mapping[str, Any] | None = None,
+    source: str | Path = "",
+) -> T:
     """Make one configuration dataclass from a YAML file.
 
     Args:
         cls: pydantic dataclass with config STRICT.
         path: YAML file with the fields of cls; missing ones take their default.
+        shared: fields that another file of the rig has; where this file has them, too, both must
+            agree.
+        source: that other file.
 
     Raises:
-        ConfigError: naming the file, the key, what was expected and what came.
+        ConfigError: naming the file, the line, the key, what was expected and what came.
     """
-    content = read_yaml(path)
+    document = _read(path)
+    content = document.content
+    _check_shared(path, document, shared or {}, source)
+    findings = _wrong_types(cls, content)
+    if findings:
+        raise ConfigError(f"{path}: {_told(document, findings)}")
     token = _folder.set(Path(path).resolve().parent)
     try:
-        return cls(**content)
+        return cls(**{**(shared or {}), **content})
     except ValidationError as error:
-        raise ConfigError(f"{path}: {_first_lines(error)}") from error
+        raise ConfigError(f"{path}: {_told(document, _of_pydantic(error))}") from error
+    except ConfigError as error:
+        raise type(error)(f"{path}: {error}") from error
     except (TypeError, ValueError) as error:
         raise ConfigError(f"{path}: {error}") from error
     finally:
         _folder.reset(token)
 
 
-def _first_lines(error: ValidationError) -> str:
-    found = []
-    for item in error.errors()[:5]:
-        key = ".".join(str(part) for part in item["loc"]) or "file"
-        found.append(f"{key}: {item['msg']} (got {item.get('input')!r})")
-    return "; ".join(found)
+def _check_shared(
+    path: str | Path, document: Document, shared: Mapping[str, Any], source: str | Path
+) -> None:
+    """Refuse a number that stands in two files and differs."""
+    for key, value in shared.items():
+        if key in document.content and not _same(document.content[key], value):
+            raise ConfigError(
+                f"{path}: {key} (line {document.line((key,))}): expected {shown(value)} as in "
+                f"{source}, got {shown(document.content[key])}; delete it here"
+            )
+
+
+def _same(one: Any, other: Any) -> bool:
+    try:
+        return bool(np.array_equal(np.asarray(one, dtype=float), np.asarray(other, dtype=float)))
+    except (TypeError, ValueError):
+        return bool(one == other)
+
+
+Finding = tuple[tuple[Any, ...], str]
+
+
+def _wrong_types(hint: Any, value: Any, place: tuple[Any, ...] = ()) -> list[Finding]:
+    """Values of another type than a field's; pydantic alone would read "yes" as true."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _wrong_types(parts[0], value, place)
+    if origin in (Union, UnionType):
+        found = [_wrong_types(part, value, place) for part in parts if part is not type(None)]
+        if (value is None and type(None) in parts) or [] in found:
+            return []
+        return min(found, key=len)
+    if origin is list:
+        if not isinstance(value, list):
+            return [(place, f"expected a list, got {shown(value)}")]
+        return [
+            finding
+            for index, item in enumerate(value)
+            for finding in _wrong_types(parts[0], item, (*place, index))
+        ]
+    if dataclasses.is_dataclass(hint):
+        if not isinstance(value, dict):
+            return [(place, f"expected a mapping of keys, got {shown(value)}")]
+        hints = get_type_hints(hint, include_extras=True)
+        # Unknown keys are pydantic's to find.
+        return [
+            finding
+            for key, item in value.items()
+            if key in hints
+            for finding in _wrong_types(hints[key], item, (*place, key))
+        ]
+    if hint not in _KINDS:
+        return []
+    kind, fits = _KINDS[hint]
+    return [] if fits(value) else [(place, f"expected {kind}, got {shown(value)}")]
+
+
+def _of_pydantic(error: ValidationError) -> list[Finding]:
+    found: list[Finding] = []
+    for item in error.errors(include_url=False):
+        came = shown(item.get("input"))
+        text = {
+            "unexpected_keyword_argument": f"expected no such key, got {came}",
+            "missing": "expected this key, got none",
+            "missing_argument": "expected this key, got none",
+        }.get(item["type"])
+        if text is None:
+            text = item["msg"].removeprefix("Value error, ")
+            text += "" if "got" in text else f" (got {came})"
+        found.append((item["loc"], text))
+    return found
+
+
+def _told(document: Document, findings: list[Finding]) -> str:
+    """Name the mistakes, each with its key and line."""
+    told = []
+    for place, text in findings[:MAX_FINDINGS]:
+        line = document.line(place)
+        key = ".".join(str(part)[:80] for part in place)
+        # A check of the whole names its keys by itself.
+        where = f"{key} (line {line}): " if key and line else (f"{key}: " if key else "")
+        told.append(f"{where}{text[:400]}")
+    more = len(findings) - MAX_FINDINGS
+    return "; ".join(told) + (f"; and {more} more" if more > 0 else "")
