@@ -120,7 +120,7 @@ def estimate_html(estimate: dict[str, Any]) -> str:
                 f'<td class="n">{joint["low"]:,.0f} to {joint["high"]:,.0f}</td>'
                 f'<td class="n">&plusmn;{joint["percent"]:.1f} %</td>'
             )
-        rows.append(f'<tr><th scope="row">{joint["joint"]}</th>{cells}</tr>')
+        rows.append(f'<tr><th scope="row">{joint["number"]}</th>{cells}</tr>')
     return (
         f"<h2 style='margin-top:8px'>Running estimate, {estimate['loads']} loads</h2>"
         '<table class="data" aria-label="Joint stiffness"><thead><tr><th scope="col">Joint</th>'

@@ -273,7 +273,7 @@ def estimate_rows(
         )
         joints.append(
             {
-                "joint": number(i),
+                "number": number(i),
                 "stiffness": rounded(stiffness[i], 0) if known else None,
                 "low": rounded(stiffness[i] - 1.96 * deviation[i], 0) if known else None,
                 "high": rounded(stiffness[i] + 1.96 * deviation[i], 0) if known else None,

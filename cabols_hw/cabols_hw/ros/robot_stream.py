@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
 from cabols_control.checks import finite_array
+from cabols_control.naming import number
 from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
 from cabols_control.ros.live import LiveOutput
@@ -23,7 +24,7 @@ from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
 
 WAIT_S = 0.01
-JOINT_NAMES = tuple(f"joint_{i}" for i in range(1, 7))
+JOINT_NAMES = tuple(f"joint_{number(i)}" for i in range(6))
 
 
 class JointStateBytes:

@@ -172,7 +172,7 @@ def _run(options: argparse.Namespace) -> int:
     output: Path = options.output
     shutil.rmtree(output, ignore_errors=True)
     file = output / "campaign.yaml"
-    short_campaign(file, options.configuration or [9], options.paths)
+    short_campaign(file, [typed - 1 for typed in options.configuration or [10]], options.paths)
     undisturbed = BenchCampaign(output / "undisturbed", str(file))
     print(
         f"kills: a short campaign, undisturbed, then {len(options.node)} nodes in turn", flush=True
@@ -206,7 +206,7 @@ def _line(trial: Trial) -> str:
         f"{'all kept' if trial.kept else 'LOST SOME'}, "
         f"{'complete' if trial.complete else 'INCOMPLETE'} with {trial.loads} loads; "
         f"{trial.difference:.1f} deviations from undisturbed; "
-        f"next load {trial.downtime_s:.0f} s after the kill"
+        f"the next load came {trial.downtime_s:.0f} s after the kill"
     )
 
 
@@ -228,7 +228,12 @@ def _arguments() -> argparse.Namespace:
     add = parser.add_argument
     add("node", nargs="*", default=list(NODES), help="to kill (default: each in turn)")
     add("--output", type=Path, default=Path("build/campaign_kills"), help="folder")
-    add("--configuration", type=int, action="append", help="of the robot; repeat (default: 9)")
+    add(
+        "--configuration",
+        type=int,
+        action="append",
+        help="from 1; repeat (default: 10)",
+    )
     add("--paths", type=int, default=2, help="ways of tension at each configuration")
     add("--json", type=Path, default=Path("build/bench/campaign_kills.json"), help="figures")
     return parser.parse_args()

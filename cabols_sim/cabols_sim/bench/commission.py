@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.bringup.graph import NodeSpec
+from cabols_control.naming import limb_names
 from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
 
 TOOL = "commission"
@@ -39,9 +40,8 @@ def main() -> int:
         **forgiving(arguments.speed),
         **real_time_arguments(),
     }
-    limbs = ", ".join(str(limb) for limb in arguments.limb or [])
     pace = "real time" if arguments.speed == 1.0 else f"{arguments.speed:g} of real time"
-    which = f"limbs {limbs}" if limbs else "all limbs"
+    which = limb_names(limb - 1 for limb in arguments.limb) if arguments.limb else "all limbs"
     print(f"cabols commissioning: {which} of the simulated rig, {pace} at 1 kHz", flush=True)
     tool = ToolSpec("cabols_control", TOOL, (), (), words=_words(arguments))
     ended = run_bench(values, _show, output / "log", tools=[tool])

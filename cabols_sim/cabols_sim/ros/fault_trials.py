@@ -97,7 +97,7 @@ class Trials:
         scale = np.array([5.0] * 3 + [0.5] * 3)
         watch.wait_unharmed(
             lambda: bool((np.abs(watch.wrench - wrench) < scale).all()),
-            f"the load {wrench.round(1)}",
+            f"the load of {wrench.round(1)}",
             20.0 / self._speed,
         )
         watch.forget()

@@ -129,7 +129,7 @@ def planar_case(output: Output) -> None:
     output.figure("planar_tensions", draw.draw_tensions(runs))
     published = runs["as published"]
     print(
-        f"  cables {published.length.min():.0f} to {published.length.max():.0f} m long, at most "
+        f"  cables of {published.length.min():.0f} to {published.length.max():.0f} m, at most "
         f"{np.abs(published.rate).max():.1f} m/s; tensions {published.tension.min():.0f} to "
         f"{published.tension.max():.0f} N; all feasible: {all(r.feasible for r in runs.values())}"
     )

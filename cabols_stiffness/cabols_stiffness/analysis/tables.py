@@ -20,8 +20,8 @@ Rows = list[list[str]]
 
 def stiffness_table(study: Study) -> tuple[list[str], Rows]:
     """Table 4.3: stiffness of each joint at each configuration, their mean, and what is pooled."""
-    numbers = [number(index) for index, _ in study.by_configuration]
-    header = ["joint", *(f"conf. {n}" for n in numbers), "mean", "pooled", "deviation", "95 %"]
+    each = (f"conf. {number(index)}" for index, _ in study.by_configuration)
+    header = ["joint", *each, "mean", "pooled", "deviation", "95 %"]
     values = np.array([found for _, found in study.by_configuration])
     result, rows = study.result, []
     for j in range(JOINTS):

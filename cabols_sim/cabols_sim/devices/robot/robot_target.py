@@ -72,7 +72,7 @@ class RobotTarget:
         config: RobotConfig | None = None,
         configurations: RobotConfigurations | None = None,
     ) -> None:
-        """Stand unloaded at configuration 0; None stands for the bench's.
+        """Stand unloaded at the first configuration; None stands for the bench's.
 
         Raises:
             ConfigError: if the bench's files cannot be used.
