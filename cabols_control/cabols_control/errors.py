@@ -7,6 +7,10 @@ class CabolsError(ValueError):
     """Base of all errors that cabols raises on bad input."""
 
 
+class UsageError(CabolsError):
+    """The user named what cannot be used: a missing file, an occupied folder; exit code 2."""
+
+
 class ShapeError(CabolsError):
     """An array has another shape than the function needs, or is not finite."""
 
@@ -18,8 +22,12 @@ class OutOfRangeError(CabolsError):
         super().__init__(f"{name}: expected {lower:g} to {upper:g}, got {value!r}")
 
 
-class ConfigError(CabolsError):
+class ConfigError(UsageError):
     """A configuration file cannot be used; the message names the file and the key."""
+
+
+class DataFileError(CabolsError):
+    """A file of data can be read, but holds no such data."""
 
 
 class DegenerateGeometryError(ConfigError):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -16,6 +15,7 @@ import yaml
 from long_bag import TRUE, write_bag
 
 from cabols_control.bringup.processes import executable_path
+from cabols_control.output_folder import output_folder
 
 GIB = 1 << 30
 LINEAR = 0.3
@@ -31,12 +31,12 @@ def main() -> int:
     parser.add_argument("--recorder", action="store_true", help="with the recorder's 1 kHz topics")
     parser.add_argument("--keep", action="store_true", help="keep the bags")
     options = parser.parse_args()
-    runs = [_run(options, minutes) for minutes in sorted(options.minutes)]
+    with output_folder(options.folder, "bench_analysis") as folder:
+        runs = [_run(options, minutes) for minutes in sorted(options.minutes)]
+        folder.finish()
     figures = summarise(runs, options.recorder)
     options.output.parent.mkdir(parents=True, exist_ok=True)
     options.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    if not options.keep:
-        shutil.rmtree(options.folder, ignore_errors=True)
     print(
         f"an hour: {figures['longest_cycles']} cycles, peak memory "
         f"{figures['longest_peak_memory_gib']:.2f} GiB, target 1: {_met(figures['memory_met'])}"
@@ -50,7 +50,6 @@ def main() -> int:
 
 def _run(options: argparse.Namespace, minutes: float) -> dict[str, float]:
     bag = options.folder / f"bag_{minutes:g}_minutes"
-    shutil.rmtree(bag, ignore_errors=True)
     began = time.perf_counter()
     cycles = write_bag(bag, round(60.0 * minutes), options.recorder)
     wrote_s = time.perf_counter() - began
@@ -69,7 +68,9 @@ def _run(options: argparse.Namespace, minutes: float) -> dict[str, float]:
     joints = yaml.safe_load((output / "result.yaml").read_text("utf-8"))["joints"]
     found = np.array([joint["stiffness_nm_per_rad"] for joint in joints])
     if not options.keep:
-        shutil.rmtree(bag)
+        # Some GiB; made above, in a folder that is this run's alone.
+        for file in bag.glob("*.mcap"):
+            file.unlink()
     figures = {
         "minutes": minutes,
         "cycles": cycles,

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from typing import Any
 import bench_realtime
 from console_page import is_served
 
+from cabols_control.output_folder import claim
 from cabols_sim.bench.run import isolated_environment, real_time_arguments
 
 PAGE = Path(__file__).with_name("console_page.py")
@@ -50,14 +50,14 @@ def main() -> int:
     parser.add_argument("--browser", action="store_true", help="a real Chromium instead")
     arguments = parser.parse_args()
     folder = arguments.output.parent / "console"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    claimed = claim(folder, "bench_console")
     environment = isolated_environment()
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in RUNS}
     for pair in range(arguments.pairs):
         for name, console in RUNS.items():
             print(f"run {pair + 1} of {arguments.pairs}, {name} console", flush=True)
             found[name].append(_run(folder / f"{name}_{pair}", environment, arguments, console))
+    claimed.finish()
     figures = _summary(found)
     arguments.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     print(_table(figures))

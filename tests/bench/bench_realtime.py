@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import signal
 import struct
 import subprocess
@@ -28,6 +27,7 @@ import numpy as np
 import psutil
 
 from cabols_control.bags.reader import read_bag
+from cabols_control.output_folder import claim
 from cabols_control.realtime.scheduling import PM_QOS
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 
@@ -48,8 +48,7 @@ def main() -> int:
     arguments = parser.parse_args()
     environment = isolated_environment()
     folder = arguments.output.parent / "realtime"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    claimed = claim(folder, "bench_realtime")
     asked = {} if arguments.plain else real_time_arguments()
     yardsticks = [Yardsticks(environment, arguments.yardstick_seconds, {})]
     if asked:
@@ -62,6 +61,7 @@ def main() -> int:
         values = {"robot": robot, **asked}
         runs[name] = _graph(folder / name, environment, arguments.seconds, values)
         measure(yardsticks)
+    claimed.finish()
     yard = yardsticks[0].figures()
     figures = {
         "asked_of_the_kernel": asked,

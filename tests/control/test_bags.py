@@ -350,7 +350,7 @@ def test_recover_to_another_folder_leaves_the_source(bag, tmp_path, capsys):
 
 
 def test_recover_refuses_what_it_should_not_touch(bag, tmp_path, capsys):
-    assert main([str(tmp_path / "nowhere")]) == 1
+    assert main([str(tmp_path / "nowhere")]) == 2
     assert "expected a bag's folder" in capsys.readouterr().err
     text = tmp_path / "text" / "a.mcap"
     text.parent.mkdir()

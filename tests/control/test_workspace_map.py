@@ -171,12 +171,13 @@ def test_command_follows_a_trajectory(tmp_path, capsys, rig):
     x, y, z = rig.geometry.reference_position
     rows = [f"{x + 0.01 * k},{y},{z},0,{k},0" for k in range(20)]
     path.write_text("\n".join([",".join(files.POSE_COLUMNS), *rows]) + "\n")
-    assert main(["trajectory", str(path), "--output", str(tmp_path)]) == 0
+    output = tmp_path / "out"
+    assert main(["trajectory", str(path), "--output", str(output)]) == 0
     assert "20 poses" in capsys.readouterr().out
-    table = np.genfromtxt(tmp_path / "trajectory.csv", delimiter=",", names=True)
+    table = np.genfromtxt(output / "trajectory.csv", delimiter=",", names=True)
     expected = capacity_along(rig.geometry, *files.read_poses(path), LOW, HIGH, wrench_box(BOX))
     np.testing.assert_allclose(table["margin_n"], expected.margin, rtol=1e-8)
-    assert (tmp_path / "trajectory.png").stat().st_size > 10_000
+    assert (output / "trajectory.png").stat().st_size > 10_000
 
 
 def test_command_says_what_is_wrong_with_its_inputs(tmp_path, capsys):

@@ -154,7 +154,7 @@ def test_bag_without_a_campaign_asks_for_one(bag, tmp_path, capsys):
         read_source(foreign)
     assert analyze([str(foreign)]) == 1
     assert "--campaign FILE" in capsys.readouterr().err
-    assert analyze([str(tmp_path / "nowhere")]) == 1
+    assert analyze([str(tmp_path / "nowhere")]) == 2
 
 
 def test_campaign_that_was_cut_is_analysed_as_it_is(bag, tmp_path):

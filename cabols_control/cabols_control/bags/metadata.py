@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from cabols_control.bags.errors import BagError
+from cabols_control.bags.errors import BagError, MissingBagError
 
 FILE_NAME = "metadata.yaml"
 VERSION = 9
@@ -127,7 +127,7 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     path = folder / FILE_NAME
     if not folder.is_dir():
         came = "a file" if folder.exists() else "nothing"
-        raise BagError(f"{folder}: expected a bag's folder, got {came}; check the path")
+        raise MissingBagError(f"{folder}: expected a bag's folder, got {came}; check the path")
     if not path.exists():
         raise BagError(
             f"{folder}: expected a bag with {FILE_NAME}, got none; if its recorder was killed, "

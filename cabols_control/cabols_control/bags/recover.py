@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import fcntl
 import sys
@@ -11,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.bags.definitions import verified
-from cabols_control.bags.errors import BagError
+from cabols_control.bags.errors import BagError, MissingBagError
 from cabols_control.bags.metadata import (
     FILE_NAME,
     Summary,
@@ -28,6 +27,7 @@ from cabols_control.bags.writer import (
     make_folder,
     mcap_name,
 )
+from cabols_control.command_line import DONE, CommandParser, command
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,9 @@ def _find(bag: Path) -> Path:
     elif bag.is_dir():
         files = sorted(bag.glob("*.mcap"))
     else:
-        raise BagError(f"{bag}: expected a bag's folder or .mcap file, got nothing; check the path")
+        raise MissingBagError(
+            f"{bag}: expected a bag's folder or .mcap file, got nothing; check the path"
+        )
     if len(files) != 1:
         raise BagError(
             f"{bag}: expected one .mcap in the bag, got {len(files)}; name one file and an output"
@@ -186,29 +188,23 @@ def _unused(path: Path) -> Iterator[None]:
         yield
 
 
+@command
 def main(arguments: list[str] | None = None) -> int:
     """Entry point.
 
     Returns:
         Exit code: 0 saved (or complete already), 1 nothing could be saved, 2 wrong arguments.
     """
-    parser = argparse.ArgumentParser(
-        prog="recover",
-        description="Make a complete rosbag2 folder of what a killed recorder has left.",
-        epilog="Exit code: 0 the bag is complete, 1 it could not be made so, 2 wrong arguments.",
+    parser = CommandParser(
+        "recover", "Make a complete rosbag2 folder of what a killed recorder has left."
     )
     parser.add_argument("bag", type=Path, help="folder of the bag, or the .mcap file in it")
     parser.add_argument(
         "-o", "--output", type=Path, help="new folder for the complete bag (default: in place)"
     )
     options = parser.parse_args(arguments)
-    try:
-        saved = recover(options.bag, options.output)
-    except BagError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    _report(saved)
-    return 0
+    _report(recover(options.bag, options.output))
+    return DONE
 
 
 def _report(saved: Recovery) -> None:

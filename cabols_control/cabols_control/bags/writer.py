@@ -11,7 +11,7 @@ from types import TracebackType
 from mcap.writer import CompressionType, Writer
 
 from cabols_control.bags.definitions import Definition, Definitions
-from cabols_control.bags.errors import BagError
+from cabols_control.bags.errors import BagError, MissingBagError
 from cabols_control.bags.metadata import OfferedQos, Summary, TopicSummary, write_metadata
 from cabols_control.bags.names import absolute
 
@@ -238,12 +238,12 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         there = sorted(p.name for p in folder.iterdir() if p.suffix != TEMPORARY_SUFFIX)
     except OSError as error:
-        raise BagError(
+        raise MissingBagError(
             f"{folder}: expected to create a folder for the bag, got {error.strerror}; "
             "name another one"
         ) from error
     if there:
-        raise BagError(
+        raise MissingBagError(
             f"{folder}: expected a new or empty folder for the bag, got one with "
             f"{', '.join(there[:3])}; name another one or remove it"
         )

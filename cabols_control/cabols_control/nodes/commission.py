@@ -17,6 +17,14 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from cabols_control.command_line import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    CommandParser,
+    command,
+    fail,
+)
 from cabols_control.commissioning.figures import draw_limb, draw_overview, modelled_step, save
 from cabols_control.commissioning.results import (
     LimbResult,
@@ -25,9 +33,10 @@ from cabols_control.commissioning.results import (
     table,
     write_results,
 )
-from cabols_control.errors import CabolsError
+from cabols_control.errors import CabolsError, UsageError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import limb_index, limb_name, number
+from cabols_control.output_folder import MARKER, output_folder
 from cabols_control.rig import Rig, load_rig
 from cabols_control.ros import topics, transport
 from cabols_control.ros.limb_trace import LimbTrace
@@ -185,7 +194,7 @@ def _ramp_of(rows: np.ndarray, rig: Rig, limb: int) -> dict[str, np.ndarray] | N
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="commission", description=__doc__)
+    parser = CommandParser("commission", __doc__)
     parser.add_argument("--limb", type=int, action="append", help="from 1; repeat; default: all")
     parser.add_argument("--output", type=Path, default=Path("build/commission"), help="to fill")
     parser.add_argument("--no-step", action="store_true", help="do not identify gain and time")
@@ -207,22 +216,28 @@ def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
 
+@command
 def main() -> int:
     """Commission; returns 0, 1 after a failure, 2 for bad arguments, 130 after Ctrl-C."""
     arguments = _arguments()
     files = (arguments.geometry_file, arguments.limbs_file, arguments.control_file)
-    try:
-        rig = load_rig(*files)
-    except CabolsError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    rig = load_rig(*files)
     cables = rig.geometry.cables
     try:
         limbs = [limb_index(typed, cables) for typed in arguments.limb or ()]
     except CabolsError as error:
-        print(f"error: --{error}", file=sys.stderr)
-        return 2
+        raise UsageError(f"--{error}") from error
     limbs = limbs or list(range(cables))
+    # The tool may run inside commission_bench, which has claimed the folder.
+    with output_folder(arguments.output, "commission", keep=True, shared=True) as folder:
+        code = _run(arguments, rig, limbs)
+        if code == DONE:
+            folder.finish()
+    return code
+
+
+def _run(arguments: argparse.Namespace, rig: Rig, limbs: list[int]) -> int:
+    """Join the graph, commission the limbs, print what was found."""
     for which in (signal.SIGINT, signal.SIGTERM):
         signal.signal(which, _interrupt)
     transport.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
@@ -232,17 +247,17 @@ def main() -> int:
         code = _commission(tool, rig, limbs, arguments, results)
     except KeyboardInterrupt:
         print(f"interrupted: {len(results)} of {len(limbs)} limbs done", file=sys.stderr)
-        code = 130
+        code = INTERRUPTED
     except (CabolsError, TimeoutError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        code = 1
+        code = fail(str(error), FAILED)
     finally:
         tool.close()
         rclpy.try_shutdown()
     if results:
         print(table(rig, results))
         for path in sorted(arguments.output.iterdir()):
-            print(f"  {path}")
+            if path.name != MARKER:
+                print(f"  {path}")
     return code
 
 
@@ -254,8 +269,7 @@ def _commission(
     results: dict[int, LimbResult],
 ) -> int:
     if not tool.find():
-        print("error: no action commission_limb: is the rig running?", file=sys.stderr)
-        return 1
+        return fail("no action commission_limb: is the rig running?", FAILED)
     for limb in limbs:
         tool.say(f"{limb_name(limb)} of {rig.geometry.cables}")
         goal = CommissionLimb.Goal(
@@ -268,14 +282,13 @@ def _commission(
         done, result = tool.run(goal)
         tool.say(f"{limb_name(limb)}: {result.message}")
         if not done:
-            print(f"error: {limb_name(limb)}: {result.message}", file=sys.stderr)
-            return 1
+            return fail(f"{limb_name(limb)}: {result.message}", FAILED)
         results[limb] = result
         # After each limb, so that an interruption leaves what was done.
         write_results(arguments.output, rig, results)
         tool.draw(result, arguments.output)
         save(draw_overview(rig, results), arguments.output / "overview.png")
-    return 0
+    return DONE
 
 
 if __name__ == "__main__":

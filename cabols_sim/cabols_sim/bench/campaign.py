@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 import resource
-import shutil
 import subprocess
 import sys
 import time
@@ -18,8 +17,10 @@ import yaml
 
 from cabols_control.bringup.graph import NodeSpec
 from cabols_control.bringup.processes import Ended, executable_path
+from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
 from cabols_control.configuration import load_config
 from cabols_control.naming import number
+from cabols_control.output_folder import output_folder
 from cabols_control.rig_folder import rig_file
 from cabols_sim.bench.commission import ToolSpec
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
@@ -135,12 +136,21 @@ def compare(folder: Path, robot_file: str = "") -> tuple[str, float]:
     return "\n".join(lines), float(worst)
 
 
+@command
 def main() -> int:
     """Run the campaign; 0 if every joint is within 2 %, 1 if not, 130 after Ctrl-C."""
     options = _arguments()
+    anew = options.fresh or (options.output / COMPLETE).exists()
+    with output_folder(options.output, "campaign_bench", keep=not anew) as folder:
+        code = _run(options)
+        if (options.output / COMPLETE).exists():
+            folder.finish()
+    return code
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run, analyse and compare."""
     complete = options.output / COMPLETE
-    if options.fresh or complete.exists():
-        shutil.rmtree(options.output, ignore_errors=True)
     campaign = BenchCampaign(
         options.output,
         options.campaign,
@@ -158,11 +168,10 @@ def main() -> int:
         print(
             f"interrupted: all nodes ended, motors at zero; call again to go on ({options.output})"
         )
-        return 130
+        return INTERRUPTED
     if ended.first != TOOL or ended.code != 0:
         log = options.output / "log" / f"{ended.first}.log"
-        print(f"error: {ended.first} ended with code {ended.code}: {log}", file=sys.stderr)
-        return 1
+        return fail(f"{ended.first} ended with code {ended.code}: {log}", FAILED)
     complete.touch()
     print(
         f"campaign: {took_s:.0f} s, with the start of all nodes, target {TARGET_S:.0f} s: "
@@ -178,7 +187,7 @@ def main() -> int:
     verdict = "met" if worst <= WITHIN else "NOT MET"
     print(f"every joint within {100 * WITHIN:g} %: worst {100 * worst:.2f} %, {verdict}")
     print(f"all: {time.monotonic() - began:.0f} s")
-    return 0 if worst <= WITHIN else 1
+    return DONE if worst <= WITHIN else FAILED
 
 
 def _processor_s() -> float:
@@ -188,7 +197,7 @@ def _processor_s() -> float:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="campaign_bench", description=__doc__)
+    parser = CommandParser("campaign_bench", __doc__)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/campaign"), help="folder (default: %(default)s)")
     add("--campaign", default="", help="campaign.yaml; default: the bench's")

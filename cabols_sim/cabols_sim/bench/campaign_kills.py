@@ -6,7 +6,6 @@ import argparse
 import csv
 import json
 import os
-import shutil
 import signal
 import sys
 import threading
@@ -19,6 +18,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
+from cabols_control.output_folder import output_folder
 from cabols_control.rig_folder import rig_file
 from cabols_sim.bench.campaign import TOOL, BenchCampaign, analyse
 from cabols_sim.bench.run import isolated_environment
@@ -159,18 +160,22 @@ def stiffness(folder: Path) -> tuple[np.ndarray, np.ndarray]:
     return value, deviation
 
 
+@command
 def main() -> int:
     """Run all trials; 0 if no kill did harm, 130 after Ctrl-C."""
-    try:
-        return _run(_arguments())
-    except KeyboardInterrupt:
-        print("interrupted: all nodes ended, motors at zero", flush=True)
-        return 130
+    options = _arguments()
+    with output_folder(options.output, "campaign_kills") as folder:
+        try:
+            code = _run(options)
+        except KeyboardInterrupt:
+            print("interrupted: all nodes ended, motors at zero", flush=True)
+            return INTERRUPTED
+        folder.finish()
+    return code
 
 
 def _run(options: argparse.Namespace) -> int:
     output: Path = options.output
-    shutil.rmtree(output, ignore_errors=True)
     file = output / "campaign.yaml"
     short_campaign(file, [typed - 1 for typed in options.configuration or [10]], options.paths)
     undisturbed = BenchCampaign(output / "undisturbed", str(file))
@@ -181,8 +186,7 @@ def _run(options: argparse.Namespace) -> int:
     if not ended.first:
         raise KeyboardInterrupt
     if ended.first != TOOL or ended.code != 0 or analyse(undisturbed.folder, True) != 0:
-        print(f"error: undisturbed: {ended.first} ended with code {ended.code}", file=sys.stderr)
-        return 1
+        return fail(f"undisturbed: {ended.first} ended with code {ended.code}", FAILED)
     wanted, (value, deviation) = keys(undisturbed.folder), stiffness(undisturbed.folder)
     trials: list[Trial] = []
     for number, victim in enumerate(options.node):
@@ -220,11 +224,11 @@ def _report(trials: list[Trial], path: Path) -> int:
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    return 0 if unharmed == len(trials) else 1
+    return DONE if unharmed == len(trials) else FAILED
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="campaign_kills", description=__doc__)
+    parser = CommandParser("campaign_kills", __doc__)
     add = parser.add_argument
     add("node", nargs="*", default=list(NODES), help="to kill (default: each in turn)")
     add("--output", type=Path, default=Path("build/campaign_kills"), help="folder")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.bringup.graph import NodeSpec
+from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
 from cabols_control.naming import limb_names
+from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
 
 TOOL = "commission"
@@ -26,12 +27,20 @@ class ToolSpec(NodeSpec):
         return list(self.words)
 
 
+@command
 def main() -> int:
     """Commission the simulated rig; returns 0, 1 after a failure, 130 after Ctrl-C."""
     arguments = _arguments()
+    with output_folder(arguments.output, "commission_bench") as folder:
+        code = _run(arguments)
+        if code == DONE:
+            folder.finish()
+    return code
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    """Run bench and tool to the tool's end."""
     output = arguments.output
-    shutil.rmtree(output, ignore_errors=True)
-    output.mkdir(parents=True)
     values = {
         "record": False,
         "robot": arguments.robot,
@@ -47,18 +56,17 @@ def main() -> int:
     ended = run_bench(values, _show, output / "log", tools=[tool])
     if not ended.first:
         print(f"interrupted: all nodes ended, motors at zero; what was done is in {output}")
-        return 130
+        return INTERRUPTED
     if ended.first != TOOL or ended.code != 0:
         log = output / "log" / f"{ended.first}.log"
-        print(f"error: {ended.first} ended with code {ended.code}: {log}", file=sys.stderr)
         if arguments.speed == 1.0:
             print("on a busy machine try --speed 0.3: the rig in slow motion", file=sys.stderr)
-        return 1
-    return 0
+        return fail(f"{ended.first} ended with code {ended.code}: {log}", FAILED)
+    return DONE
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="commission_bench", description=__doc__)
+    parser = CommandParser("commission_bench", __doc__)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/commission"), help="folder to fill")
     add("--limb", type=int, action="append", help="from 1; repeat; default: all")

@@ -6,14 +6,23 @@ import argparse
 import sys
 from pathlib import Path
 
+from cabols_control.command_line import DONE, FAILED, CommandParser, command, fail
+from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
 
 
+@command
 def main() -> int:
     """Serve the page; returns 0 after Ctrl-C, 1 if a node ended by itself."""
     arguments = _arguments()
+    # Bags, programmes and campaigns of many sessions: nothing is ever replaced.
+    with output_folder(arguments.output, "console_bench", keep=True):
+        return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    """Run bench and page until Ctrl-C."""
     output = arguments.output
-    output.mkdir(parents=True, exist_ok=True)
     values = {
         "robot": not arguments.rigid,
         "console": True,
@@ -40,14 +49,13 @@ def main() -> int:
     ended = run_bench(values, _show, output / "log")
     if not ended.first:
         print("interrupted: all nodes ended, motors at zero")
-        return 0
+        return DONE
     log = output / "log" / f"{ended.first}.log"
-    print(f"error: {ended.first} ended with code {ended.code}: {log}", file=sys.stderr)
-    return 1
+    return fail(f"{ended.first} ended with code {ended.code}: {log}", FAILED)
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="console_bench", description=__doc__)
+    parser = CommandParser("console_bench", __doc__)
     add = parser.add_argument
     add(
         "--output", type=Path, default=Path("build/console"), help="for bags, programmes, campaigns"

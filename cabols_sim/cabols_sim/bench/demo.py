@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
-import shutil
 import sys
 import threading
 import time
@@ -17,7 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from cabols_control.bringup.processes import Ended
-from cabols_control.load_programs.programs import BUILT_IN, load_program
+from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
+from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
+from cabols_control.output_folder import output_folder
 from cabols_control.rig import load_rig
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
 
@@ -74,18 +75,26 @@ class Progress:
                 self.say(f"loading: {done:.0f} of {self._duration:.0f} s")
 
 
+@command
 def main() -> int:
     """Run the demo; returns 0, 1 after a failure, 130 after Ctrl-C."""
     arguments = _arguments()
     program = load_program(arguments.program)
+    with output_folder(arguments.output, "demo") as folder:
+        code = _run(arguments, program)
+        if code == DONE:
+            folder.finish()
+    return code
+
+
+def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
+    """Run the session and judge it."""
     # ROS's wheels start Python anew when they are first imported: before anything is done.
     story_module = (
         None if arguments.rigid else importlib.import_module("cabols_sim.ros.demo_session")
     )
     output = arguments.output
     bag = output / "bag"
-    shutil.rmtree(output, ignore_errors=True)
-    output.mkdir(parents=True)
     devices = "" if arguments.rigid else ", robot and laser tracker"
     print(
         f"cabols demo: {program.name} on the simulated eight-cable rig{devices}, "
@@ -109,11 +118,10 @@ def main() -> int:
                 story.stop()
     failure = _failure(ended, story, output / "log")
     if failure:
-        print(f"error: {failure}; the bag is {bag}", file=sys.stderr)
-        return 1
+        return fail(f"{failure}; the bag is {bag}", FAILED)
     if not ended.first and not (story is not None and story.done):
         print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
-        return 130
+        return INTERRUPTED
     return _report(output, bag)
 
 
@@ -151,11 +159,7 @@ def _failure(ended: Ended, story: Any, log: Path) -> str:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="demo",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = CommandParser("demo", __doc__)
     parser.add_argument("--output", type=Path, default=Path("build/demo"), help="folder to fill")
     parser.add_argument(
         "--program",

@@ -14,12 +14,15 @@ import threading
 import time
 from pathlib import Path
 
+from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
+from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
 from cabols_sim.ros.rig_watch import AbandonedError, RigError, RigWatch
 
+TRIALS = "trials.jsonl"
 ATTEMPTS = 3
 """A trial whose rig could not be loaded, or was disturbed before the fault, is tried so often; then
 the whole rig is started anew."""
@@ -39,7 +42,7 @@ class Campaign:
         """Plan; the folder exists."""
         self._options = options
         self._todo = todo
-        self._log = options.output / "trials.jsonl"
+        self._log = options.output / TRIALS
         self._watch: RigWatch | None = None
         self._abandoned = False
         self.failure = ""
@@ -95,20 +98,27 @@ class Campaign:
             return
 
 
+@command
 def main() -> int:
     """Run the campaign; 0 if its claims hold, 1 if not, 130 after Ctrl-C."""
     options = _arguments()
-    options.output.mkdir(parents=True, exist_ok=True)
-    log = options.output / "trials.jsonl"
-    if options.fresh:
-        log.unlink(missing_ok=True)
+    with output_folder(options.output, "fault_campaign", keep=not options.fresh) as folder:
+        code = _campaign(options)
+        if not _todo(options, options.output / TRIALS):
+            folder.finish()
+    return code
+
+
+def _campaign(options: argparse.Namespace) -> int:
+    """Make the trials that are left, with as many rigs as it takes, and judge them all."""
+    log = options.output / TRIALS
     failure, barren = "", 0
     while (todo := _todo(options, log)) and barren < RIGS:
         print(f"fault campaign: {len(todo)} trials, rig at {options.speed:g} of real time")
         campaign = Campaign(options, todo)
         if not _run(options, campaign):
             print(f"interrupted; the trials done are in {log}")
-            return 130
+            return INTERRUPTED
         failure = campaign.failure
         barren = barren + 1 if len(_todo(options, log)) == len(todo) else 0
     summary = summarise(read_trials(log), [kind.name for kind in KINDS])
@@ -117,8 +127,8 @@ def main() -> int:
     print(f"  {options.output / 'faults.json'}")
     missing = len(_todo(options, log))
     if missing:
-        print(f"error: {missing} trials could not be made: {failure}", file=sys.stderr)
-    return 0 if holds(summary) and not missing else 1
+        return fail(f"{missing} trials could not be made: {failure}", FAILED)
+    return DONE if holds(summary) else FAILED
 
 
 def _todo(options: argparse.Namespace, log: Path) -> list[tuple[Kind, int]]:
@@ -160,7 +170,7 @@ def _run(options: argparse.Namespace, campaign: Campaign) -> bool:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="fault_campaign", description=__doc__)
+    parser = CommandParser("fault_campaign", __doc__)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/faults"), help="folder (default: %(default)s)")
     add("--seeds", type=int, default=20, help="trials of each kind (default: %(default)s)")

@@ -5,7 +5,6 @@ Leaves figures and dynamics.json in the output folder and prints what they say.
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from pathlib import Path
@@ -13,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from cabols_control.command_line import DONE, FAILED, CommandParser, command
 from cabols_control.configuration import load_config
 from cabols_control.load_programs.programs import load_program
+from cabols_control.output_folder import output_folder
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures import DPI
@@ -77,17 +78,21 @@ class Output:
         self.say(f"figures and dynamics.json are in {self._folder}")
 
 
+@command
 def main() -> int:
     """Compute everything; returns 0 if all balances close, else 1."""
-    parser = argparse.ArgumentParser(prog="dynamics_study", description=__doc__)
+    parser = CommandParser("dynamics_study", __doc__)
     parser.add_argument("--output", type=Path, default=Path("build/dynamics"), help="folder")
-    output = Output(parser.parse_args().output)
-    closed = balances(output)
-    planar_case(output)
-    sensitivity(output)
-    vibration(output)
-    output.close()
-    return 0 if closed else 1
+    place = parser.parse_args().output
+    with output_folder(place, "dynamics_study") as folder:
+        output = Output(place)
+        closed = balances(output)
+        planar_case(output)
+        sensitivity(output)
+        vibration(output)
+        output.close()
+        folder.finish()
+    return DONE if closed else FAILED
 
 
 def balances(output: Output) -> bool:

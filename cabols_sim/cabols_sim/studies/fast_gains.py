@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import sys
 import time
 from dataclasses import replace
@@ -17,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from cabols_control.command_line import DONE, FAILED, CommandParser, command
 from cabols_control.errors import CabolsError
 from cabols_control.load_programs.programs import load_program
+from cabols_control.output_folder import output_folder
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures import DPI, draw_overview
@@ -52,9 +53,18 @@ class RunFailedError(CabolsError):
     """The graph ended before its programme."""
 
 
+@command
 def main() -> int:
     """Prove the design; returns 0 if every promise is kept, else 1."""
-    parser = argparse.ArgumentParser(prog="fast_gains", description=__doc__)
+    arguments = _arguments()
+    with output_folder(arguments.output, "fast_gains") as folder:
+        code = _prove(arguments)
+        folder.finish()
+    return code
+
+
+def _arguments() -> argparse.Namespace:
+    parser = CommandParser("fast_gains", __doc__)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/fast-gains"), help="folder for bags")
     add("--json", type=Path, default=Path("build/bench/fast_gains.json"), help="figures")
@@ -62,7 +72,11 @@ def main() -> int:
     add("--control-file", type=Path, help=f"YAML of the design; default: {FAST}")
     add("--search", action="store_true", help="search for poles and zero first (minutes)")
     add("--draws", type=int, default=100, help="plants in the compiled loop; 0: none")
-    arguments = parser.parse_args()
+    return parser.parse_args()
+
+
+def _prove(arguments: argparse.Namespace) -> int:
+    """Run, judge, print and write everything."""
     control = rig_file(FAST, arguments.control_file)
     rig = load_rig(control=control)
     numbers: dict[str, Any] = {"margins": margin_numbers(rig), "programs": {}}
@@ -80,7 +94,7 @@ def main() -> int:
     arguments.json.parent.mkdir(parents=True, exist_ok=True)
     arguments.json.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     print(f"figures are in {arguments.json}, bags and pictures in {arguments.output}")
-    return 0 if kept else 1
+    return DONE if kept else FAILED
 
 
 def search_design(rig: Rig) -> None:
@@ -106,7 +120,7 @@ def run_program(program: str, control: Path, folder: Path) -> dict[str, Any]:
     Args:
         program: built in, or the path of a .csv file.
         control: YAML of the control design.
-        folder: for bag, picture and logs; emptied first.
+        folder: for bag, picture and logs; without a bag so far.
 
     Returns:
         As cabols_control.run_report.figures_of_merit.summarise.
@@ -114,8 +128,7 @@ def run_program(program: str, control: Path, folder: Path) -> dict[str, Any]:
     Raises:
         RunFailedError: if the graph ended before the programme.
     """
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     print(f"{program}: running the nodes in lockstep ...", flush=True)
     ended = run_bench(

@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from cabols_control.errors import CabolsError
+from cabols_control.command_line import DONE, CommandParser, command
+from cabols_control.errors import UsageError
+from cabols_control.output_folder import OutputFolder, output_folder
 from cabols_stiffness.analysis.report import write_report
 from cabols_stiffness.analysis.source import Source, is_campaign, read_source
 from cabols_stiffness.analysis.study import Study, study
@@ -21,27 +24,28 @@ from cabols_stiffness.model.result import MODELS
 from cabols_stiffness.model.result_file import write_result
 
 
+@command
 def main(words: Sequence[str] | None = None) -> int:
-    """Analyse; 0, or 1 for data that cannot be used."""
+    """Analyse; 0, 1 for data that cannot be used, 2 for a wrong command line."""
     options = _arguments(words)
     began = time.monotonic()
-    try:
+    place = _output(options)
+    if not options.source.exists():
+        raise UsageError(
+            f"{options.source}: expected a campaign's folder or a bag, got nothing there; "
+            "check the path"
+        )
+    with _claimed(place) as folder:
         source = read_source(options.source, options.campaign, options.geometry or None, _say)
         _say(f"{len(source.loads)} loads, {source.rig_s:.0f} s of the rig's time; identifying")
         found = study(source.loads, source.plan, options.model)
-        place = _output(options)
-        place.mkdir(parents=True, exist_ok=True)
         more = provenance(source, found)
         write_result(place / "result.yaml", found.result, found.robot, more)
         written = write_tables(found, place)
         log = read_log(options.source) if is_campaign(options.source) else []
         write_report(place / "report.html", found, source, log)
-    except CabolsError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)
-        return 1
+        if folder is not None:
+            folder.finish()
     print(summary(found))
     difference = _compare(options.source, source)
     if difference:
@@ -49,7 +53,17 @@ def main(words: Sequence[str] | None = None) -> int:
     for path in (place / "result.yaml", place / "report.html", *written):
         print(f"  {path}")
     print(f"analysed in {time.monotonic() - began:.1f} s")
-    return 0
+    return DONE
+
+
+@contextmanager
+def _claimed(place: Path) -> Iterator[OutputFolder | None]:
+    """Claim the output folder; a campaign's own folder, whatever made it, takes its results."""
+    if is_campaign(place):
+        yield None
+        return
+    with output_folder(place, "analyze", keep=True, shared=True) as folder:
+        yield folder
 
 
 def provenance(source: Source, found: Study) -> dict[str, object]:
@@ -110,7 +124,7 @@ def _say(text: str) -> None:
 
 
 def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="analyze", description=__doc__)
+    parser = CommandParser("analyze", __doc__)
     add = parser.add_argument
     add("source", type=Path, metavar="BAG_OR_CAMPAIGN", help="folder of a campaign or of a bag")
     add("--output", type=Path, help="folder to fill; default: the campaign's, or BAG_analysis")

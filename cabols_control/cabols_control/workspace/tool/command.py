@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.command_line import DONE, CommandParser, command
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
+from cabols_control.output_folder import output_folder
 from cabols_control.rig import load_rig
 from cabols_control.workspace.bodies import Bodies, interference_task, load_bodies
 from cabols_control.workspace.capacity import capacity_along, capacity_task
@@ -70,12 +72,13 @@ def required_wrenches(options: argparse.Namespace) -> WrenchSet:
 
     Raises:
         CabolsError: if the file does not hold six finite columns.
+        OSError: if it cannot be read.
     """
     if options.wrenches is None:
         return wrench_box(options.box)
     try:
         table = np.loadtxt(options.wrenches, delimiter=",", ndmin=2, comments="#")
-    except (OSError, ValueError) as error:
+    except ValueError as error:
         raise CabolsError(f"{options.wrenches}: expected rows of six numbers: {error}") from error
     return wrench_polytope(table)
 
@@ -143,20 +146,35 @@ def run_map(options: argparse.Namespace) -> None:
     free_above = 0.0 if bodies is None else bodies.clearance
     grid = _grid(options, geometry)
     print(f"{grid.poses} poses: {grid.shape} positions, {len(grid.angles_deg)} orientations")
-    with workers(options.scheduler, options.workers) as pool:
+    # Map, trajectory and designs may share a folder; each replaces its own files alone.
+    with (
+        output_folder(options.output, "workspace", keep=True) as folder,
+        workers(options.scheduler, options.workers) as pool,
+    ):
         start = time.monotonic()
         found = pool.evaluate(grid, task, touching, free_above, _progress(start))
         seconds = time.monotonic() - start
-        by = pool.description
-    options.output.mkdir(parents=True, exist_ok=True)
-    summary = map_figures(found, seconds, by)
+        _leave_map(found, map_figures(found, seconds, pool.description), rig.geometry, options)
+        if bodies is not None:
+            _map_turns(geometry, bodies, options)
+        folder.finish()
+    print(f"table, meshes and figures are in {options.output}")
+
+
+def _leave_map(
+    found: WorkspaceMap,
+    summary: dict[str, Any],
+    geometry: RigGeometry,
+    options: argparse.Namespace,
+) -> None:
+    """Print the figures; write table, meshes and pictures."""
     for name, value in summary.items():
         print(f"  {name:22} {value:.4g}" if isinstance(value, float) else f"  {name:22} {value}")
     files.write_json(summary, options.output / "workspace.json")
     files.write_map(found, options.output / "workspace.csv")
-    if min(grid.shape) > 1:
+    if min(found.grid.shape) > 1:
         solids = _solids(found)
-        title = f"Workspace at {len(grid.angles_deg)} orientations"
+        title = f"Workspace at {len(found.grid.angles_deg)} orientations"
         for name, mesh in solids:
             stem = options.output / name.replace(" ", "_")
             files.write_stl(mesh, stem.with_suffix(".stl"))
@@ -164,9 +182,6 @@ def run_map(options: argparse.Namespace) -> None:
         rigs = [geometry] * len(solids)
         figures.draw_solids(rigs, solids, options.output / "workspace.png", title)
         figures.draw_slices(found, options.output / "slices.png", "Least over the orientations")
-    if bodies is not None:
-        _map_turns(geometry, bodies, options)
-    print(f"table, meshes and figures are in {options.output}")
 
 
 def _map_turns(geometry: RigGeometry, bodies: Bodies, options: argparse.Namespace) -> None:
@@ -205,11 +220,12 @@ def run_trajectory(options: argparse.Namespace) -> None:
         rig.geometry, bodies or Bodies(0.0, 0.0, 0.05, 0.05), positions, rotations
     )
     free_above = bodies.clearance if bodies else 0.0
-    options.output.mkdir(parents=True, exist_ok=True)
     columns = files.MAP_COLUMNS[len(files.POSE_COLUMNS) : -1]
     rows: FloatArray = np.column_stack([*capacity, *clearance])
-    files.write_rows(columns, rows, options.output / "trajectory.csv")
-    figures.draw_trajectory(capacity, clearance, free_above, options.output / "trajectory.png")
+    with output_folder(options.output, "workspace", keep=True) as folder:
+        files.write_rows(columns, rows, options.output / "trajectory.csv")
+        figures.draw_trajectory(capacity, clearance, free_above, options.output / "trajectory.png")
+        folder.finish()
     worst = int(capacity.margin.argmin())
     print(f"{len(positions)} poses, {int(capacity.feasible.sum())} feasible")
     print(f"  least margin    {capacity.margin[worst]:.2f} N at pose {worst}")
@@ -218,12 +234,11 @@ def run_trajectory(options: argparse.Namespace) -> None:
     print(f"table and figure are in {options.output}")
 
 
+@command
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="workspace",
-        description="Where a cable rig can give the required wrenches without touching itself.",
-        epilog="Exit code: 0 done, 1 an input cannot be used, 2 wrong arguments.",
+    parser = CommandParser(
+        "workspace", "Where a cable rig can give the required wrenches without touching itself."
     )
     commands = parser.add_subparsers(dest="command", required=True)
     mapping = commands.add_parser("map", help="the workspace on a grid")
@@ -262,12 +277,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_design(design)
     design.set_defaults(run=lambda options: run_design(options, required_wrenches(options)))
     options = parser.parse_args(arguments)
-    try:
-        options.run(options)
-    except CabolsError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
+    options.run(options)
+    return DONE
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from scipy.optimize import OptimizeResult, differential_evolution
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
+from cabols_control.output_folder import output_folder
 from cabols_control.rig import load_rig
 from cabols_control.workspace.bodies import interference_task, load_bodies
 from cabols_control.workspace.capacity import capacity_task
@@ -155,7 +156,10 @@ def run_design(options: argparse.Namespace, required: WrenchSet) -> None:
     limits = (rig.control.tension_min, rig.control.tension_max)
     rows: list[dict[str, Any]] = []
     maps: dict[str, WorkspaceMap] = {}
-    with workers(options.scheduler, options.workers) as pool:
+    with (
+        output_folder(options.output, "workspace", keep=True) as folder,
+        workers(options.scheduler, options.workers) as pool,
+    ):
         print(f"{pool.description}, {grid.poses} poses for each rig of a generation")
         for pattern in options.patterns:
             problem = DesignProblem(rig.geometry, pattern, *limits, required, bodies, grid)
@@ -163,7 +167,8 @@ def run_design(options: argparse.Namespace, required: WrenchSet) -> None:
                 rows.append({"pattern": pattern, **row})
                 if found is not None:
                     maps[row["name"]] = found
-    _leave(rows, maps, rig.geometry, options)
+        _leave(rows, maps, rig.geometry, options)
+        folder.finish()
 
 
 def _leave(
@@ -173,7 +178,6 @@ def _leave(
     options: argparse.Namespace,
 ) -> None:
     """Print and write what was found."""
-    options.output.mkdir(parents=True, exist_ok=True)
     print(f"{'':32} feasible      feasible and free")
     for row in rows:
         print(

@@ -12,7 +12,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
-from cabols_control.errors import ConfigError
+from cabols_control.errors import ConfigError, DataFileError
 from cabols_control.geometry import RigGeometry
 from cabols_control.workspace.grid import WorkspaceMap
 from cabols_control.workspace.surface import Mesh
@@ -78,14 +78,15 @@ def read_poses(path: Path) -> tuple[FloatArray, FloatArray]:
         (k, 3) positions [m] and (k, 3, 3) rotations from intrinsic x-y-z Euler angles.
 
     Raises:
-        ConfigError: naming file, line and column if it cannot be used.
+        ConfigError: if the file is missing.
+        DataFileError: naming file, line and column if it cannot be used.
     """
     try:
         with path.open(newline="", encoding="utf-8") as stream:
             reader = csv.DictReader(stream)
             missing = set(POSE_COLUMNS) - set(reader.fieldnames or ())
             if missing:
-                raise ConfigError(
+                raise DataFileError(
                     f"{path}: expected the columns {', '.join(POSE_COLUMNS)}, missing "
                     f"{', '.join(sorted(missing))}"
                 )
@@ -93,7 +94,7 @@ def read_poses(path: Path) -> tuple[FloatArray, FloatArray]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     if not rows:
-        raise ConfigError(f"{path}: expected at least one pose, got none")
+        raise DataFileError(f"{path}: expected at least one pose, got none")
     table = np.array(rows)
     return table[:, :3], Rotation.from_euler("XYZ", table[:, 3:], degrees=True).as_matrix()
 
@@ -102,9 +103,9 @@ def _pose(path: Path, line: int, row: dict[str, str]) -> list[float]:
     try:
         values = [float(row[name]) for name in POSE_COLUMNS]
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"{path}, line {line}: expected six numbers, got {row}") from error
+        raise DataFileError(f"{path}, line {line}: expected six numbers, got {row}") from error
     if not np.isfinite(values).all():
-        raise ConfigError(f"{path}, line {line}: expected finite numbers, got {values}")
+        raise DataFileError(f"{path}, line {line}: expected finite numbers, got {values}")
     return values
 
 

@@ -1,0 +1,117 @@
+"""What all commands share: options, exit codes, errors on one line.
+
+Exit codes: 0 done; 1 a target was not met, or a run failed; 2 the command line cannot be used (an
+unknown option, a missing file, an occupied output folder); 130 after Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import functools
+import sys
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, NoReturn, ParamSpec
+
+from cabols_control.errors import CabolsError, UsageError
+
+DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
+EPILOG = (
+    "Exit code: 0 done, 1 a target not met or a run failed, 2 a wrong command line, 130 Ctrl-C."
+)
+USER_ERRORS = (FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError)
+"""Of the operating system, about what the user named."""
+Parameters = ParamSpec("Parameters")
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Parser of one command: `--version`, no abbreviations, suggestions for misspelt options."""
+
+    def __init__(
+        self, prog: str, description: str | None = None, epilog: str = EPILOG, **options: Any
+    ) -> None:
+        """Make a parser; the description is the command's docstring."""
+        super().__init__(
+            prog=prog,
+            description=description,
+            epilog=epilog,
+            allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            **options,
+        )
+        self.add_argument("--version", action="version", version=f"{prog} of cabols {_version()}")
+
+    def parse_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> argparse.Namespace:
+        """Parse; exits with 2 and a suggestion for what is not known."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            self.error(unknown_options(unknown, self.option_names()))
+        return found
+
+    def option_names(self) -> list[str]:
+        """Names of all options, those of subcommands among them."""
+        names = list(self._option_string_actions)
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for parser in action.choices.values():
+                    names += parser._option_string_actions
+        return names
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and where there is more; exit with 2."""
+        self.exit(USAGE, f"error: {message}\n`{self.prog} --help` lists the options\n")
+
+
+def unknown_options(unknown: Sequence[str], known: Sequence[str]) -> str:
+    """Say which words were not understood, and what may have been meant."""
+    said = []
+    for word in unknown:
+        name = word.partition("=")[0]
+        if name.startswith("-"):
+            said.append(f"unknown option {name}{did_you_mean(name, known)}")
+    return "; ".join(said) or f"unexpected argument {unknown[0]!r}"
+
+
+def did_you_mean(word: str, known: Sequence[str]) -> str:
+    """Return ` (did you mean ...?)`, or nothing if nothing known is like the word."""
+    close = difflib.get_close_matches(word, known, n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
+
+
+def command(main: Callable[Parameters, int]) -> Callable[Parameters, int]:
+    """Decorate a command's main: what the user did wrong becomes one line and an exit code."""
+
+    @functools.wraps(main)
+    def guarded(*args: Parameters.args, **kwargs: Parameters.kwargs) -> int:
+        try:
+            return main(*args, **kwargs)
+        except CabolsError as error:
+            return fail(str(error), USAGE if isinstance(error, UsageError) else FAILED)
+        except BrokenPipeError:
+            # The reader of the output has gone, as `| head` does.
+            return FAILED
+        except OSError as error:
+            return fail(
+                f"{error.filename}: {error.strerror}" if error.filename else str(error),
+                USAGE if isinstance(error, USER_ERRORS) else FAILED,
+            )
+        except KeyboardInterrupt:
+            return fail("interrupted", INTERRUPTED)
+
+    return guarded
+
+
+def fail(text: str, code: int) -> int:
+    """Print an error on one line and return the exit code."""
+    print(f"error: {' '.join(text.split())}", file=sys.stderr, flush=True)
+    return code
+
+
+def _version() -> str:
+    try:
+        return version("cabols_control")
+    except PackageNotFoundError:
+        return "not installed"
