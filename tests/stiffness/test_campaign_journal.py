@@ -113,8 +113,29 @@ def test_log_and_bags(tmp_path):
     assert bags_of(tmp_path / "campaign") == [bag]
     journal.close()
     rows = read_log(tmp_path / "campaign")
-    assert [row["load"] for row in rows] == ["3", "4"]
+    assert [row["load_index"] for row in rows] == ["3", "4"]
     assert rows[0]["reason"] == "the beam, again, is blocked"
+
+
+def test_a_folder_of_0_1_goes_on(tmp_path, random):
+    """Version 0.1 called the indices by their nouns alone; they counted from 0 then, too."""
+    folder = tmp_path / "campaign"
+    first, second = make_load(random, 0), make_load(random, 1)
+    journal = Journal(folder)
+    journal.add(first)
+    journal.tell(7, "skipped", [LoadKey(1, 2, 3)], "the beam is blocked")
+    journal.close()
+    for name in ("samples.csv", "log.csv"):
+        file = folder / name
+        header, rest = file.read_text("utf-8").split("\n", 1)
+        assert "configuration_index,reflector_index,load_index" in header
+        file.write_text(header.replace("_index", "") + "\n" + rest, encoding="utf-8")
+    journal = Journal(folder)
+    journal.add(second)
+    assert [load.load for load in journal.loads] == [first.load, second.load]
+    journal.close()
+    assert [load.load for load in read_samples(folder)] == [first.load, second.load]
+    assert read_log(folder)[0]["configuration_index"] == "1"
 
 
 def test_rolling_keeps_order_and_forgets_the_oldest(random):

@@ -89,7 +89,7 @@ def finished(folder: Path) -> list[dict[str, str]]:
 
 def keys(folder: Path) -> set[tuple[int, int, int]]:
     """Loads of a campaign that are no references."""
-    names = ("configuration", "reflector", "load")
+    names = ("configuration_index", "reflector_index", "load_index")
     lines = finished(folder)
     return {tuple(int(line[name]) for name in names) for line in lines if line["branch"] != "0"}  # type: ignore[misc]
 

@@ -16,14 +16,11 @@ from cabols_stiffness.analysis.plots import joint_plots, load_plots, validation_
 from cabols_stiffness.analysis.source import Source
 from cabols_stiffness.analysis.study import Study
 from cabols_stiffness.analysis.tables import stiffness_table, summary
+from cabols_stiffness.measurements.measured_load import INDICES
 from cabols_stiffness.model.compliance import compliance_table
 
 RATED_N = 60.0
 """Weight of the rated load of an IRB 1600-6, about."""
-
-
-PLACE = ("configuration", "reflector", "load")
-"""Columns of log.csv that hold indices from 0."""
 
 
 def write_report(
@@ -51,7 +48,7 @@ def write_report(
     )
     header, rows = stiffness_table(study)
     failures = [
-        dict(zip(PLACE, map(str, failure[:3]), strict=True), what="failed", reason=failure[3])
+        dict(zip(INDICES, map(str, failure[:3]), strict=True), what="failed", reason=failure[3])
         for failure in source.failures
     ]
     where = f"{len(study.loads)} loads at {len(study.by_configuration)} configurations"
@@ -83,4 +80,5 @@ def _hashes(source: Source) -> dict[str, str]:
 
 def _for_people(row: dict[str, str]) -> dict[str, str]:
     """A row of log.csv with its indices as the numbers that people read."""
-    return {**row, **{name: str(number(int(row[name]))) for name in PLACE}}
+    place = {name.removesuffix("_index"): str(number(int(row[name]))) for name in INDICES}
+    return {"what": row["what"], "reason": row["reason"], **place}

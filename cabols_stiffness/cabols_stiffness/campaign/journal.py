@@ -20,10 +20,17 @@ from cabols_control.rig_folder import rig_file
 from cabols_stiffness.campaign.plan import CampaignPlan, load_plan
 from cabols_stiffness.campaign.requests import LoadKey
 from cabols_stiffness.errors import CampaignError
-from cabols_stiffness.measurements.measured_load import MeasuredLoad, columns, from_cells, to_cells
+from cabols_stiffness.measurements.measured_load import (
+    INDICES,
+    MeasuredLoad,
+    columns,
+    from_cells,
+    present_name,
+    to_cells,
+)
 
 PLAN, SAMPLES, LOG, BAGS, LOCK = "campaign.yaml", "samples.csv", "log.csv", "bags", ".lock"
-LOG_COLUMNS = ("time_ns", "what", "configuration", "reflector", "load", "reason")
+LOG_COLUMNS = ("time_ns", "what", *INDICES, "reason")
 
 
 class Table:
@@ -43,7 +50,7 @@ class Table:
             self.append(header)
             _sync_folder(path.parent)
         self._drop_cut_line()
-        found = next(iter(self._rows()), [])
+        found = [present_name(name) for name in next(iter(self._rows()), [])]
         if list(found) != list(header):
             raise CampaignError(
                 f"{path}: expected columns {', '.join(header[:5])}, ..., got "
@@ -215,12 +222,15 @@ def read_samples(folder: str | Path, skip: int = 0) -> list[MeasuredLoad]:
 
 
 def read_log(folder: str | Path) -> list[dict[str, str]]:
-    """What was tried again or skipped, by LOG_COLUMNS."""
+    """What was tried again or skipped, by LOG_COLUMNS, also where version 0.1 wrote it."""
     path = Path(folder) / LOG
     if not path.exists():
         return []
     with path.open(newline="", encoding="utf-8") as stream:
-        return [dict(row) for row in csv.DictReader(stream)]
+        return [
+            {present_name(name): cell for name, cell in row.items()}
+            for row in csv.DictReader(stream)
+        ]
 
 
 def _text_of(campaign: str | Path) -> str:

@@ -15,6 +15,14 @@ from cabols_stiffness.measurements.window import WindowAverage
 AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 UPPER = np.triu_indices(6)
 POSITION_UPPER = np.triu_indices(3)
+INDICES = ("configuration_index", "reflector_index", "load_index")
+"""Columns that say where a load was measured; they count from 0."""
+
+
+def present_name(column: str) -> str:
+    """Return a column's name of today; version 0.1 called the indices by their nouns alone."""
+    index = f"{column}_index"
+    return index if index in INDICES else column
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +60,8 @@ def columns(limbs: int) -> list[str]:
     """Names of the columns of a table of measured loads; units in the name."""
     pairs = [f"{AXES[i]}__{AXES[j]}" for i, j in zip(*UPPER, strict=True)]
     return [
-        *("configuration", "reflector", "load", "group", "branch", "begin_ns", "end_ns"),
+        *INDICES,
+        *("group", "branch", "begin_ns", "end_ns"),
         *("wrench_samples",),
         *(f"tension_{number(i)}_n" for i in range(limbs)),
         *(f"joint_{number(i)}_rad" for i in range(6)),
