@@ -24,8 +24,8 @@ from visualization_msgs.msg import MarkerArray
 from cabols_control.bringup.processes import executable_path
 from cabols_control.console.server import BEHIND, UNKNOWN_PAGE
 from cabols_control.ros import topics
-from cabols_control.ros.live import live_name, live_qos
-from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.ros.live import live_name
+from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from console_harness import free_port
 
 pytestmark = [pytest.mark.ros]
@@ -100,7 +100,7 @@ class Rig:
         node.create_subscription(Attendance, "attendance", self.heard.append, status_qos())
         node.create_subscription(MarkerArray, "markers", self.drawn.append, status_qos())
         self._mode = node.create_publisher(Mode, "mode", latched_qos(False))
-        self._state = node.create_publisher(LimbState, live_name("limb_state"), live_qos())
+        self._state = node.create_publisher(LimbState, live_name("limb_state"), control_qos(False))
         self._sample = topics.limb_state_layout(_geometry()).record()
         self._sample["tension"][:] = 12.5
         self.executor = SingleThreadedExecutor(context=self.context)

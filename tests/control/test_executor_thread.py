@@ -10,9 +10,9 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
-from cabols_control.ros import topics
 from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.node import FAULT, RUNNING, Status
+from cabols_control.topics import NAMESPACE
 
 pytestmark = [pytest.mark.ros]
 
@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.ros]
 def node():
     context = Context()
     rclpy.init(context=context, domain_id=1 + os.getpid() % 100)
-    found = rclpy.create_node("loop", namespace=topics.NAMESPACE, context=context)
+    found = rclpy.create_node("loop", namespace=NAMESPACE, context=context)
     yield found
     found.destroy_node()
     context.shutdown()

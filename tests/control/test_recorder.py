@@ -26,6 +26,7 @@ from cabols_control.geometry import load_geometry
 from cabols_control.realtime.scheduling import may_use_fifo
 from cabols_control.ros import topics
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.topics import NAMESPACE, RECORDED
 
 pytestmark = [pytest.mark.ros]
 
@@ -49,7 +50,7 @@ def node(domain):
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         context = Context()
         rclpy.init(context=context, domain_id=domain)
-        found = rclpy.create_node("rig", namespace=topics.NAMESPACE, context=context)
+        found = rclpy.create_node("rig", namespace=NAMESPACE, context=context)
         yield found
         found.destroy_node()
         context.shutdown()
@@ -216,7 +217,7 @@ def test_a_lockstep_run_is_recorded_whole(rig, record, tmp_path):
     assert "6001 messages, 0 lost" in output
     bag = read_bag(tmp_path / "bag")
     assert bag.counts == {
-        **dict.fromkeys(topics.RECORDED, 0),
+        **dict.fromkeys(RECORDED, 0),
         **dict.fromkeys(rig.publishers, 1500),
         "mode": 1,
     }, "nothing else: a status report would hold wall-clock content"

@@ -17,7 +17,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from cabols_control.bringup.graph import ONE_BLAS_THREAD
 from cabols_control.bringup.processes import Ended
 from cabols_control.ros import topics
-from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.qos import topic_qos
+from cabols_control.topics import Quality, topic_row
 from cabols_sim.bench.run import run_bench
 
 _DOMAINS = itertools.count()
@@ -110,14 +111,9 @@ class Watcher:
 
 
 def qos(topic: str) -> Any:
-    if topic == "mode":
-        return latched_qos(lockstep=False)
-    if topic in topics.CONTROL_TOPICS:
-        profile = control_qos(lockstep=False)
-        # The watcher must see every sample, also if it is late itself.
-        profile.depth = 5000
-        return profile
-    return status_qos()
+    # The watcher must see every sample, also if it is late itself.
+    control = topic_row(topic).quality == Quality.CONTROL
+    return topic_qos(topic, depth=5000 if control else None)
 
 
 def run_scenario(

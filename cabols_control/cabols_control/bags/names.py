@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-NAMESPACE = "/cabols"
+from cabols_control.topics import NAMESPACE
 
 
 def absolute(topic: str) -> str:

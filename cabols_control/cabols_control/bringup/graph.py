@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from cabols_control.topics import RECORDED
+
 ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """For every node's environment: the matrices are tiny, and two cores carry the whole graph."""
 
@@ -77,22 +79,7 @@ LOAD_PROGRAM = NodeSpec(
 RECORDER = NodeSpec(
     "cabols_control",
     "recorder",
-    (
-        "limb_state",
-        "wrench",
-        "motor_current",
-        "tension_command",
-        "desired_wrench",
-        "desired_tension",
-        "platform_pose",
-        "mode",
-        "loop_status",
-        "joint_states",
-        "reflector_measurement",
-        "stiffness_load",
-        "stiffness_estimate",
-        "campaign_status",
-    ),
+    RECORDED,
     ("loop_status",),
 )
 CONSOLE = NodeSpec(

@@ -38,8 +38,9 @@ from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import limb_index, limb_name, number
 from cabols_control.output_folder import MARKER, output_folder
 from cabols_control.rig import Rig, load_rig
-from cabols_control.ros import topics, transport
+from cabols_control.ros import transport
 from cabols_control.ros.limb_trace import LimbTrace
+from cabols_control.topics import NAMESPACE
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
 FOUND_S = 180.0
@@ -63,7 +64,7 @@ class Tool:
             speed: how fast the rig's time passes, below 1 in simulated slow motion.
         """
         self._rig = rig
-        self._node = rclpy.create_node("commission", namespace=topics.NAMESPACE)
+        self._node = rclpy.create_node("commission", namespace=NAMESPACE)
         self._client = ActionClient(self._node, CommissionLimb, "commission_limb")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)

@@ -29,7 +29,6 @@ from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
 from cabols_control.ros.pause import pause
-from cabols_control.ros.qos import control_qos
 from cabols_control.supervision.modes import OperatingMode
 
 POLL_S = 0.1
@@ -162,9 +161,9 @@ class CommissionServer:
     ) -> str:
         node = self._node
         geometry = node.rig.geometry
-        qos = control_qos(node.lockstep)
-        pose = Input(node, "platform_pose", topics.pose_layout(geometry), qos)
-        wrench = Input(node, "wrench", topics.wrench_layout(geometry.platform_frame), qos)
+        pose = Input(node, "platform_pose", topics.pose_layout(geometry), node.lockstep)
+        wrenches = topics.wrench_layout(geometry.platform_frame)
+        wrench = Input(node, "wrench", wrenches, node.lockstep)
         try:
             await self._pretighten(handle)
             place = _pose_of(pose, node.rig)

@@ -21,7 +21,7 @@ from cabols_control.ros.console_calls import Calls
 from cabols_control.ros.console_feed import Feed
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import status_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.ticker import Ticker
 
 PERIOD_S = 0.05
@@ -54,7 +54,7 @@ class ConsoleNode(ControlNode):
         self.address = (host, int(where.getsockname()[1]))
         self._server = ConsoleServer(self.desk, policy, where, tls)
         self._scheme = "http" if tls is None else "https"
-        self._attendance = self.create_publisher(Attendance, "attendance", status_qos())
+        self._attendance = self.create_publisher(Attendance, "attendance", topic_qos("attendance"))
         self._ticker = Ticker(self.context, PERIOD_S, self._tick)
         self._turns = 0
         self._failure: BaseException | None = None

@@ -12,10 +12,9 @@ from cabols_control.errors import ConfigError
 from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.nodes.commission_server import CommissionServer
 from cabols_control.ros import topics
-from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input, Output
+from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot
-from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_limbs, warm_loaded_step
 
@@ -40,19 +39,17 @@ class LimbControllerNode(ControlNode):
             self, "command_timeout", 0.0, "s, replaces the control file's; 0: its", (0.0, 0.2)
         )
         self._controller = LimbController(self.rig, limbs, timeout or None)
-        qos = control_qos(self.lockstep)
+        lockstep = self.lockstep
         state_layout = topics.limb_state_layout(geometry)
-        self._state = Input(self, "limb_state", state_layout, qos)
-        self._command = Input(self, "tension_command", topics.tension_command_layout(geometry), qos)
-        mode_qos = latched_qos(self.lockstep)
-        self._mode = Input(self, "mode", topics.mode_layout(""), mode_qos, every=SLOW_INPUT)
+        self._state = Input(self, "limb_state", state_layout, lockstep)
+        commands = topics.tension_command_layout(geometry)
+        self._command = Input(self, "tension_command", commands, lockstep)
+        self._mode = Input(self, "mode", topics.mode_layout(""), lockstep, every=SLOW_INPUT)
         self._mode.awaited = not declare_robot(self)
         layout = topics.motor_current_layout(geometry, len(limbs))
         self._answer = layout.record()
         self._answer["limb"][:] = limbs
-        self._output = self.advertise(
-            "motor_current", Output(self, "motor_current", layout.msg_type, qos)
-        )
+        self._output = self.advertise("motor_current")
         self._cables = np.arange(geometry.cables, dtype=np.uint8)
         self._expected_limbs = self._cables.tobytes()
         self._state_dtype = state_layout.compiled_dtype

@@ -18,12 +18,11 @@ from cabols_control.errors import CabolsError
 from cabols_control.load_programs.feasibility import ProgramCheck, check_program
 from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
 from cabols_control.ros import topics
-from cabols_control.ros.live import live_name, live_qos
-from cabols_control.ros.loop import ControlLoop, Input, Output
+from cabols_control.ros.live import live_name
+from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
-from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.ros.ticker import Ticker
 from cabols_control.supervision.modes import OperatingMode
 
@@ -57,17 +56,13 @@ class LoadProgramNode(ControlNode):
         )
         rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
         self._first = load_program(name).scaled(scale) if name else None
-        qos = control_qos(self.lockstep)
         layout = topics.wrench_layout(self.rig.geometry.base_frame)
         self._record = layout.record()
-        self._output = self.advertise(
-            "desired_wrench", Output(self, "desired_wrench", layout.msg_type, qos)
-        )
-        self._mode = Input(self, "mode", topics.mode_layout(""), latched_qos(self.lockstep))
+        self._output = self.advertise("desired_wrench")
+        self._mode = Input(self, "mode", topics.mode_layout(""), self.lockstep)
         # The slow copy: nothing here needs the pose at the control rate.
-        self._pose = Input(
-            self, live_name("platform_pose"), topics.pose_layout(self.rig.geometry), live_qos()
-        )
+        poses = topics.pose_layout(self.rig.geometry)
+        self._pose = Input(self, live_name("platform_pose"), poses)
         geometry = self.rig.geometry
         place = (geometry.reference_position, geometry.reference_rotation)
         check_program(self.rig, load_program("ramps"), *place)  # compile now, not under load
@@ -82,7 +77,7 @@ class LoadProgramNode(ControlNode):
         self._loop: ControlLoop | Ticker
         if self.paced:
             layout = topics.wrench_layout(self.rig.geometry.platform_frame)
-            self._wrench = Input(self, "wrench", layout, qos)
+            self._wrench = Input(self, "wrench", layout, self.lockstep)
             self._loop = ControlLoop(self, self._wrench, [self._mode], self._answer, True)
             self._loop.prepare = self.prepare_thread
         else:

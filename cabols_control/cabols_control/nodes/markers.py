@@ -14,7 +14,7 @@ from cabols_control.console.shapes import CYLINDER, Shape, rig_shapes
 from cabols_control.ros.console_feed import Feed
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import status_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.ticker import Ticker
 
 PERIOD_S = 0.1
@@ -30,7 +30,7 @@ class MarkersNode(ControlNode):
             declare(self, "scene_file", "", "YAML of what is drawn; empty: bench")
         )
         self._feed = Feed(self, self.rig, Mailbox())
-        self._publisher = self.create_publisher(MarkerArray, "markers", status_qos())
+        self._publisher = self.create_publisher(MarkerArray, "markers", topic_qos("markers"))
         self._ticker = Ticker(self.context, PERIOD_S, self._tick)
 
     def begin(self) -> None:

@@ -19,8 +19,9 @@ from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.node import WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import latched_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.recording import Recording
+from cabols_control.topics import RECORDED
 
 IDLE_REPORT_S = 1.0
 JOIN_S = 0.1
@@ -45,7 +46,7 @@ class RecorderNode(ControlNode):
             self, "output", "", "folder of the first bag; empty: bags/cabols_<date-time>"
         )
         text = "topics to record, relative to /cabols"
-        names = declare(self, "topics", list(topics.RECORDED), text)
+        names = declare(self, "topics", list(RECORDED), text)
         self._period = declare(
             self, "flush_period", 0.5, "s, what a kill may lose at most", (0.05, 60.0)
         )
@@ -55,7 +56,7 @@ class RecorderNode(ControlNode):
         at_once = declare(self, "record_at_start", True, "false: wait for the service `record`")
         self._wanted = _checked(names)
         self._failure: BaseException | None = None
-        self._told = self.create_publisher(String, "recording", latched_qos(False))
+        self._told = self.create_publisher(String, "recording", topic_qos("recording"))
         self.create_service(SetBool, "record", self._obey)
         self.create_timer(IDLE_REPORT_S, self._report_idle)
         self._joining = self.create_timer(JOIN_S, self._join)

@@ -14,11 +14,11 @@ from std_srvs.srv import Trigger
 
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout
-from cabols_control.ros.live import live_name, live_qos
-from cabols_control.ros.loop import ControlLoop, Input, Output
+from cabols_control.ros.live import live_name
+from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.ticker import Ticker
 from cabols_control.supervision.modes import MOVING
 from cabols_control.supervision.operator_watchdog import Attendance
@@ -69,14 +69,16 @@ class SupervisorNode(ControlNode):
         self._lock = threading.Lock()
         self._state = self._input("limb_state", topics.limb_state_layout(self.rig.geometry))
         self._pose = self._input("platform_pose", topics.pose_layout(self.rig.geometry))
-        self._output = self.advertise(
-            "mode", Output(self, "mode", topics.TYPES["mode"], latched_qos(self.lockstep))
-        )
+        self._output = self.advertise("mode")
         self._published: tuple[int, str] = (-1, "")
         self._ticks = 0
         self._wakefulness = Wakefulness(NEWS_S)
-        self.create_subscription(LoopStatus, "loop_status", self._hear_status, status_qos())
-        self.create_subscription(Heartbeat, "attendance", self._hear_operator, status_qos())
+        self.create_subscription(
+            LoopStatus, "loop_status", self._hear_status, topic_qos("loop_status")
+        )
+        self.create_subscription(
+            Heartbeat, "attendance", self._hear_operator, topic_qos("attendance")
+        )
         self.create_service(SetMode, "set_mode", self._set_mode)
         self.create_service(Trigger, "emergency_stop", self._emergency_stop)
         self.create_service(Trigger, "reset", self._reset)
@@ -89,9 +91,7 @@ class SupervisorNode(ControlNode):
 
     def _input(self, topic: str, layout: Layout) -> Input:
         """Subscribe to a topic's slow copy: a reader of every sample costs its writer's loop."""
-        if self.paced:
-            return Input(self, topic, layout, control_qos(self.lockstep))
-        return Input(self, live_name(topic), layout, live_qos())
+        return Input(self, topic if self.paced else live_name(topic), layout, self.lockstep)
 
     def begin(self) -> None:
         """Start looking."""

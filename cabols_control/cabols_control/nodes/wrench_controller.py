@@ -10,11 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cabols_control.ros import topics
-from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot
-from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
@@ -38,28 +36,27 @@ class WrenchControllerNode(ControlNode):
         warm_wrenches(self.rig)
         geometry = self.rig.geometry
         self._controller = WrenchController(self.rig)
-        qos = control_qos(self.lockstep)
-        self._wrench = Input(self, "wrench", topics.wrench_layout(geometry.platform_frame), qos)
-        self._wanted = Input(self, "desired_wrench", topics.wrench_layout(geometry.base_frame), qos)
+        lockstep = self.lockstep
+        self._wrench = Input(
+            self, "wrench", topics.wrench_layout(geometry.platform_frame), lockstep
+        )
+        wrenches = topics.wrench_layout(geometry.base_frame)
+        self._wanted = Input(self, "desired_wrench", wrenches, lockstep)
         tensions = topics.desired_tension_layout(geometry)
-        self._wanted_tension = Input(self, "desired_tension", tensions, qos, every=2)
+        self._wanted_tension = Input(self, "desired_tension", tensions, lockstep, every=2)
         # A campaign asks when it wants to, also in lockstep.
         self._wanted_tension.awaited = False
         pose = topics.pose_layout(geometry)
-        self._pose = Input(self, "platform_pose", pose, qos, every=2)
+        self._pose = Input(self, "platform_pose", pose, lockstep, every=2)
         # A robot reports at its own rate, so that even in lockstep its newest pose is used.
         robot = declare_robot(self)
         self._pose.awaited = self._wanted.awaited = not robot
-        mode_qos = latched_qos(self.lockstep)
-        self._mode = Input(self, "mode", topics.mode_layout(""), mode_qos, every=SLOW_INPUT)
+        self._mode = Input(self, "mode", topics.mode_layout(""), lockstep, every=SLOW_INPUT)
         self._mode.awaited = not robot
         layout = topics.tension_command_layout(geometry)
         self._answer = layout.record()
         self._answer["limb"][:] = np.arange(geometry.cables)
-        self._output = self.advertise(
-            "tension_command",
-            LiveOutput(self, "tension_command", layout.msg_type, qos),
-        )
+        self._output = self.advertise_live("tension_command")
         self._measured = np.zeros(6)
         self._desired: DesiredWrench | None = None
         self._desired_count = 0

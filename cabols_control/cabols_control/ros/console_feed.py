@@ -9,16 +9,11 @@ import numpy as np
 from cabols_msgs.msg import (
     CampaignStatus,
     LoopStatus,
-    Mode,
-    ReflectorMeasurement,
-    StiffnessEstimate,
 )
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 
 from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, Mailbox
 from cabols_control.console.view_models import (
@@ -35,9 +30,10 @@ from cabols_control.console.view_models import (
 from cabols_control.naming import reflector_name
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
-from cabols_control.ros.live import live_name, live_qos
+from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input, subscribe_aside
-from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.topics import message_type
 from cabols_control.supervision.modes import OperatingMode
 
 STALE_S = 0.5
@@ -48,13 +44,18 @@ LEVELS = {DiagnosticStatus.OK: 1, DiagnosticStatus.WARN: 0, DiagnosticStatus.ERR
 """Level on /diagnostics to state of LoopStatus."""
 LOUD = 30
 """rosout's number of a warning; below it, nodes speak for their own log."""
+ROS_TOPICS: dict[str, tuple[type, QoSProfile]] = {
+    "/diagnostics": (DiagnosticArray, QoSProfile(depth=100)),
+    "/rosout": (Log, QoSProfile(depth=200, durability=DurabilityPolicy.VOLATILE)),
+}
 
 
 class Typed:
     """Messages of a rare topic, taken as objects on a look; no executor wakes for them."""
 
-    def __init__(self, node: Node, msg_type: type, topic: str, qos: QoSProfile) -> None:
-        """Subscribe."""
+    def __init__(self, node: Node, topic: str) -> None:
+        """Subscribe to a topic of the graph, or to one of ROS itself."""
+        msg_type, qos = ROS_TOPICS.get(topic) or (message_type(topic), topic_qos(topic))
         self._type = msg_type
         self.subscription = subscribe_aside(node, msg_type, topic, qos, raw=False)
         self._handle = self.subscription.handle
@@ -77,23 +78,21 @@ class Feed:
         geometry = rig.geometry
 
         def live(topic: str, layout: Any) -> Input:
-            return Input(node, live_name(topic), layout, live_qos())
+            return Input(node, live_name(topic), layout)
 
         self._state = live("limb_state", topics.limb_state_layout(geometry))
         self._wrench = live("wrench", topics.wrench_layout(geometry.platform_frame))
         self._command = live("tension_command", topics.tension_command_layout(geometry))
         self._pose = live("platform_pose", topics.pose_layout(geometry))
-        self._joints = Typed(node, JointState, live_name("joint_states"), live_qos())
-        self._modes = Typed(node, Mode, "mode", latched_qos(False))
-        self._status = Typed(node, LoopStatus, "loop_status", status_qos())
-        self._diagnostics = Typed(node, DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
-        self._measured = Typed(node, ReflectorMeasurement, "reflector_measurement", status_qos())
-        latched = latched_qos(False)
-        self._estimates = Typed(node, StiffnessEstimate, "stiffness_estimate", latched)
-        self._campaigns = Typed(node, CampaignStatus, "campaign_status", latched)
-        self._recordings = Typed(node, String, "recording", latched_qos(False))
-        spoken = QoSProfile(depth=200, durability=DurabilityPolicy.VOLATILE)
-        self._spoken = Typed(node, Log, "/rosout", spoken)
+        self._joints = Typed(node, live_name("joint_states"))
+        self._modes = Typed(node, "mode")
+        self._status = Typed(node, "loop_status")
+        self._diagnostics = Typed(node, "/diagnostics")
+        self._measured = Typed(node, "reflector_measurement")
+        self._estimates = Typed(node, "stiffness_estimate")
+        self._campaigns = Typed(node, "campaign_status")
+        self._recordings = Typed(node, "recording")
+        self._spoken = Typed(node, "/rosout")
         self._reports: dict[str, LoopReport] = {}
         self._beam: Measured | None = None
         self._mode: tuple[int, str] | None = None

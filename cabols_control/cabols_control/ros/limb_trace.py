@@ -11,7 +11,6 @@ from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input, make_wait_set, wait_for
-from cabols_control.ros.qos import control_qos
 
 IDLE_NS = 50_000_000
 
@@ -21,10 +20,9 @@ class LimbTrace:
 
     def __init__(self, node: Any, rig: Rig) -> None:
         """Subscribe; start() begins."""
-        qos = control_qos(lockstep=False)
-        self._state = Input(node, "limb_state", topics.limb_state_layout(rig.geometry), qos)
+        self._state = Input(node, "limb_state", topics.limb_state_layout(rig.geometry))
         frame = rig.geometry.platform_frame
-        self._wrench = Input(node, "wrench", topics.wrench_layout(frame), qos)
+        self._wrench = Input(node, "wrench", topics.wrench_layout(frame))
         self._wait_set = make_wait_set(node, 1)
         self._stop = threading.Event()
         self._lock = threading.Lock()

@@ -10,9 +10,9 @@ from __future__ import annotations
 import time
 
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from cabols_control.ros.loop import Output
+from cabols_control.topics import LIVE
 
 PERIOD_NS = 45_000_000
 """A little below the 50 ms in which a console looks, so that each look finds news."""
@@ -20,23 +20,16 @@ PERIOD_NS = 45_000_000
 
 def live_name(topic: str) -> str:
     """Name of a topic's slow copy, relative to the namespace."""
-    return f"live/{topic}"
-
-
-def live_qos() -> QoSProfile:
-    """Best effort, newest only: for the writer as cheap as it can be."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
-    )
+    return LIVE + topic
 
 
 class LiveOutput(Output):
     """An Output with a slow copy, by the wall clock: in lockstep, too, somebody may watch."""
 
-    def __init__(self, node: Node, topic: str, msg_type: type, qos: QoSProfile) -> None:
-        """Advertise both; `topic` is relative to the node's namespace."""
-        super().__init__(node, topic, msg_type, qos)
-        self._copy = Output(node, live_name(topic), msg_type, live_qos())
+    def __init__(self, node: Node, topic: str, lockstep: bool = False) -> None:
+        """Advertise both, with the topic's type; see Output."""
+        super().__init__(node, topic, lockstep)
+        self._copy = Output(node, live_name(topic))
         self._due_ns = 0
         self._newest = b""
 

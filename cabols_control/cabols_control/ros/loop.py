@@ -15,6 +15,8 @@ from rclpy.qos import QoSProfile
 from cabols_control.cdr import LayoutError
 from cabols_control.ros.guarded_thread import GuardedThread
 from cabols_control.ros.layout import Layout
+from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.topics import message_type
 
 IDLE_NS = 50_000_000
 GAP_NS = 500_000
@@ -67,14 +69,30 @@ class Input:
     """
 
     def __init__(
-        self, node: Node, topic: str, layout: Layout, qos: QoSProfile, every: int = 1
+        self,
+        node: Node,
+        topic: str,
+        layout: Layout,
+        lockstep: bool = False,
+        depth: int | None = None,
+        every: int = 1,
     ) -> None:
-        """Subscribe; `topic` is relative to the node's namespace."""
+        """Subscribe with the topic's quality.
+
+        Args:
+            node: owner.
+            topic: its name in cabols_control.topics, relative to the namespace.
+            layout: of its messages.
+            lockstep: whether the graph's clock waits for answers.
+            depth: of the queue, where another than the topic's own is wanted.
+            every: see above.
+        """
         self.topic = topic
         self.every = every
         self.awaited = True
         self._layout = layout
         self._type = layout.msg_type
+        qos = topic_qos(topic, lockstep, depth)
         self.subscription = subscribe_aside(node, layout.msg_type, topic, qos)
         self._handle = self.subscription.handle
         # To ask an empty reader costs as much as to take: where one message waits at most, once.
@@ -141,10 +159,17 @@ class Input:
 class Output:
     """A publisher of raw messages."""
 
-    def __init__(self, node: Node, topic: str, msg_type: type, qos: QoSProfile) -> None:
-        """Advertise; `topic` is relative to the node's namespace."""
+    def __init__(self, node: Node, topic: str, lockstep: bool = False) -> None:
+        """Advertise with the topic's type and quality.
+
+        Args:
+            node: owner.
+            topic: its name in cabols_control.topics, relative to the namespace.
+            lockstep: whether the graph's clock waits for answers.
+        """
         self.topic = topic
-        self._publisher = node.create_publisher(msg_type, topic, qos)
+        qos = topic_qos(topic, lockstep)
+        self._publisher = node.create_publisher(message_type(topic), topic, qos)
         self._publish = self._publisher.handle.publish_raw
 
     def publish(self, raw: bytes) -> None:

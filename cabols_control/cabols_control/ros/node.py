@@ -22,6 +22,7 @@ from cabols_control.realtime.scheduling import (
 from cabols_control.ros import topics, transport
 from cabols_control.ros.diagnostics import Diagnostics
 from cabols_control.ros.executor_thread import hand_over
+from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Output
 from cabols_control.ros.loop_log import LoopLog
 from cabols_control.ros.parameters import (
@@ -30,8 +31,8 @@ from cabols_control.ros.parameters import (
     declare_rig,
     declare_scheduling,
 )
-from cabols_control.ros.qos import status_qos
 from cabols_control.ros.statistics import Durations
+from cabols_control.topics import NAMESPACE
 
 RCLError = rclpy_implementation.RCLError
 WAITING, RUNNING, FAULT = 0, 1, 2
@@ -50,7 +51,7 @@ class Status:
     def __init__(self, node: Node, lockstep: bool) -> None:
         """Advertise loop_status."""
         self._name = node.get_name()
-        self._output = Output(node, "loop_status", topics.TYPES["loop_status"], status_qos())
+        self._output = Output(node, "loop_status")
         self._lockstep = lockstep
         self._layouts = {"": topics.loop_status_layout(self._name, "")}
         self._reported: tuple[int, str] = (-1, "")
@@ -114,7 +115,7 @@ class ControlNode(Node):
         Raises:
             ConfigError: if a configuration file cannot be used.
         """
-        super().__init__(name, namespace=topics.NAMESPACE)
+        super().__init__(name, namespace=NAMESPACE)
         self.rig = declare_rig(self)
         self.lockstep = declare_lockstep(self)
         beside = declare(
@@ -139,9 +140,14 @@ class ControlNode(Node):
         diagnostics = Diagnostics(self, self.status.snapshot, "cabols rig")
         self.status.on_change = lambda: hand_over(self, diagnostics.tell)
 
-    def advertise(self, topic: str, output: Output) -> Output:
-        """Register an output, so that its readers can be waited for."""
-        self.outputs[topic] = output
+    def advertise(self, topic: str) -> Output:
+        """Publish on a topic of the graph, so that its readers can be waited for."""
+        self.outputs[topic] = output = Output(self, topic, self.lockstep)
+        return output
+
+    def advertise_live(self, topic: str) -> LiveOutput:
+        """Do the same on a topic that has a slow copy, too."""
+        self.outputs[topic] = output = LiveOutput(self, topic, self.lockstep)
         return output
 
     def prepare_thread(self) -> None:

@@ -4,7 +4,34 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from cabols_control.topics import LIVE, Quality, topic_row
+
 LOCKSTEP_DEPTH = 1000
+
+
+def topic_qos(topic: str, lockstep: bool = False, depth: int | None = None) -> QoSProfile:
+    """Return the quality of a topic, as its row in cabols_control.topics says.
+
+    Args:
+        topic: its name, relative to the namespace.
+        lockstep: whether the graph's clock waits for answers.
+        depth: of the queue, for a reader that keeps more, or less, than the topic's own.
+
+    Raises:
+        KeyError: if the graph has no such topic.
+    """
+    quality = Quality.LIVE if topic.startswith(LIVE) else topic_row(topic).quality
+    if quality == Quality.CONTROL:
+        profile = control_qos(lockstep)
+    elif quality == Quality.LIVE:
+        profile = control_qos(lockstep=False)
+    elif quality == Quality.REPORT:
+        profile = status_qos()
+    else:
+        profile = latched_qos(lockstep and quality == Quality.MODE)
+    if depth is not None:
+        profile.depth = depth
+    return profile
 
 
 def control_qos(lockstep: bool) -> QoSProfile:
@@ -24,7 +51,10 @@ def control_qos(lockstep: bool) -> QoSProfile:
 
 
 def latched_qos(lockstep: bool) -> QoSProfile:
-    """State that a late joiner must know at once: the mode."""
+    """State that a reader needs at once when it joins late: the mode.
+
+    In lockstep deep, as the clock waits for each message.
+    """
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=LOCKSTEP_DEPTH if lockstep else 1,
@@ -34,7 +64,7 @@ def latched_qos(lockstep: bool) -> QoSProfile:
 
 
 def status_qos() -> QoSProfile:
-    """Low-rate reports, where none should be lost."""
+    """Low-rate reports, of which none should be lost."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE
     )

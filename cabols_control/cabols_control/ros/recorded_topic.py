@@ -13,13 +13,11 @@ from cabols_control.bags.lost_messages import Gaps
 from cabols_control.ros import topics
 from cabols_control.ros.loop import subscribe_aside
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.qos import topic_qos
+from cabols_control.topics import topic_row
 
 QUEUE_DEPTH = 4000
 CLOCK_TOPIC = "limb_state"
-LOOP_TOPICS = (CLOCK_TOPIC, "wrench", "motor_current", "tension_command")
-"""Fast DDS sends a message to its readers in the order in which it met them: on these topics, the
-recorder lets the loop's own readers go first, which takes some 30 us off the loop's delay."""
 
 Item = tuple[int, str, int, bytes, int]
 """Reception [ns], topic, publication [ns], bytes, publication number."""
@@ -37,22 +35,23 @@ class Tap:
     def __init__(self, node: ControlNode, topic: str) -> None:
         """Subscribe, whether or not anybody publishes yet; on a topic of the loop in join()."""
         self.topic = topic
-        self.offered = _offered_qos(topic, node.lockstep)
+        self.offered = topic_qos(topic, node.lockstep)
         self.gaps = Gaps(lambda: node.count_publishers(topic))
         self.count = 0
         self._node = node
-        self._type = topics.TYPES[topic]
+        self._type = topics.message_type(topic)
         self._log_time_ns = 0
         self._subscription: Any = None
         self._courtesy = Courtesy()
-        if node.lockstep or topic not in LOOP_TOPICS:
+        # Fast DDS sends a message to its readers in the order in which it met them: the loop's own
+        # readers go first, which takes some 30 us off the loop's delay.
+        if node.lockstep or not topic_row(topic).in_loop:
             self._subscribe()
 
     @property
     def type_name(self) -> str:
         """Name as in `cabols_msgs/msg/LimbState`."""
-        package, *_ = self._type.__module__.split(".")
-        return f"{package}/msg/{self._type.__name__}"
+        return topic_row(self.topic).type_name
 
     @property
     def joined(self) -> bool:
@@ -98,10 +97,3 @@ class Tap:
         """Unsubscribe: what nobody records costs nothing."""
         if self.joined:
             self._node.destroy_subscription(self._subscription)
-
-
-def _offered_qos(topic: str, lockstep: bool) -> QoSProfile:
-    """Return the quality with which the topic's publishers offer it."""
-    if topic in topics.CONTROL_TOPICS:
-        return control_qos(lockstep)
-    return latched_qos(lockstep) if topic in topics.LATCHED_TOPICS else status_qos()

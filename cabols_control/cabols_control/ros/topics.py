@@ -1,80 +1,65 @@
-"""Names, types and layouts of the topics at the control rate."""
+"""Message types and byte layouts of the topics in cabols_control.topics."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import import_module
+
 from cabols_msgs.msg import (
-    CampaignStatus,
     DesiredTension,
     LimbState,
     LoopStatus,
     Mode,
     MotorCurrent,
-    ReflectorMeasurement,
-    StiffnessEstimate,
-    StiffnessLoad,
     TensionCommand,
 )
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from sensor_msgs.msg import JointState
 
 from cabols_control.geometry import RigGeometry
 from cabols_control.ros.layout import Layout
+from cabols_control.topics import TOPICS, topic_row
 
-NAMESPACE = "/cabols"
 
-LIMB_ARRAYS = (
-    "limb",
-    "wound_length",
-    "elongation",
-    "tension",
-    "current",
-    "switch_closed",
-    "zeroed",
-)
-TYPES: dict[str, type] = {
-    "limb_state": LimbState,
-    "wrench": WrenchStamped,
-    "motor_current": MotorCurrent,
-    "tension_command": TensionCommand,
-    "desired_wrench": WrenchStamped,
-    "desired_tension": DesiredTension,
-    "platform_pose": PoseStamped,
-    "mode": Mode,
-    "loop_status": LoopStatus,
-    "true_limb_state": LimbState,
-    "true_wrench": WrenchStamped,
-    "joint_states": JointState,
-    "reflector_measurement": ReflectorMeasurement,
-    "stiffness_load": StiffnessLoad,
-    "stiffness_estimate": StiffnessEstimate,
-    "campaign_status": CampaignStatus,
-}
-"""Every topic of the bench, relative to the namespace."""
+@cache
+def message_type(topic: str) -> type:
+    """Return the message class of a topic, or of its slow copy.
 
-RECORDED = tuple(name for name in TYPES if not name.startswith("true_"))
-"""What is recorded unless told otherwise: what a real rig has, too."""
+    Args:
+        topic: its name in cabols_control.topics, relative to the namespace.
 
-CONTROL_TOPICS = (
-    "limb_state",
-    "wrench",
-    "motor_current",
-    "tension_command",
-    "desired_wrench",
-    "desired_tension",
-    "platform_pose",
-    "true_limb_state",
-    "true_wrench",
-    "joint_states",
-)
-"""Topics with control_qos."""
+    Raises:
+        KeyError: if the graph has no such topic.
+    """
+    package, _, name = topic_row(topic).type_name.partition("/msg/")
+    found: type = getattr(import_module(f"{package}.msg"), name)
+    return found
 
-LATCHED_TOPICS = ("mode", "stiffness_estimate", "campaign_status")
-"""Topics with latched_qos: who comes late must know them at once."""
+
+class _Types(Mapping[str, type]):
+    """Message classes by topic, imported when they are looked up."""
+
+    def __getitem__(self, topic: str) -> type:
+        return message_type(topic)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(TOPICS)
+
+    def __len__(self) -> int:
+        return len(TOPICS)
+
+
+TYPES = _Types()
+"""Every topic of the graph, relative to the namespace."""
+
+
+def _cable_arrays(topic: str, values: int) -> dict[str, int]:
+    return dict.fromkeys(topic_row(topic).arrays, values)
 
 
 def limb_state_layout(geometry: RigGeometry) -> Layout:
     """LimbState of all cables."""
-    lengths = dict.fromkeys(LIMB_ARRAYS, geometry.cables)
+    lengths = _cable_arrays("limb_state", geometry.cables)
     return Layout(LimbState, lengths, {"header.frame_id": geometry.base_frame})
 
 
@@ -89,21 +74,18 @@ def wrench_layout(frame: str) -> Layout:
 
 def tension_command_layout(geometry: RigGeometry) -> Layout:
     """TensionCommand for all cables."""
-    n = geometry.cables
-    return Layout(
-        TensionCommand, {"limb": n, "tension": n}, {"header.frame_id": geometry.base_frame}
-    )
+    lengths = _cable_arrays("tension_command", geometry.cables)
+    return Layout(TensionCommand, lengths, {"header.frame_id": geometry.base_frame})
 
 
 def desired_tension_layout(geometry: RigGeometry) -> Layout:
     """DesiredTension for all cables."""
-    n = geometry.cables
-    return Layout(DesiredTension, {"limb": n, "tension": n})
+    return Layout(DesiredTension, _cable_arrays("desired_tension", geometry.cables))
 
 
 def motor_current_layout(geometry: RigGeometry, limbs: int) -> Layout:
     """MotorCurrent for a number of limbs."""
-    lengths = {"limb": limbs, "current": limbs, "saturated": limbs}
+    lengths = _cable_arrays("motor_current", limbs)
     return Layout(MotorCurrent, lengths, {"header.frame_id": geometry.base_frame})
 
 

@@ -18,11 +18,9 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.serialization import serialize_message
 
 from cabols_control.errors import ConfigError
-from cabols_control.ros.loop import Output
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
-from cabols_control.ros.qos import status_qos
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations
@@ -67,10 +65,7 @@ class AbbTrackerBridge(ControlNode):
         self._tracker_frame = declare(self, "tracker_frame", "tracker", "frame of measurements")
         self._tracker: Any = None
         self._aim_offset = np.zeros(3)
-        self._measured = self.advertise(
-            "reflector_measurement",
-            Output(self, "reflector_measurement", ReflectorMeasurement, status_qos()),
-        )
+        self._measured = self.advertise("reflector_measurement")
         self._ending = False
         self._motion: Worker | None = None
         self._measurement: Worker | None = None

@@ -17,11 +17,9 @@ from cabols_control.rig import Rig
 from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
-from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.supervision.supervisor import EMERGENCY
 from cabols_hw.bridge.bridge import Bridge
@@ -67,10 +65,9 @@ class BridgeNode(ControlNode):
         )
         self._safety_config = self.safety_config()
         self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
-        qos = control_qos(self.lockstep)
         currents = topics.motor_current_layout(geometry, n)
-        self._current_input = Input(self, "motor_current", currents, qos)
-        self._mode_input = Input(self, "mode", topics.mode_layout(""), latched_qos(self.lockstep))
+        self._current_input = Input(self, "motor_current", currents, self.lockstep)
+        self._mode_input = Input(self, "mode", topics.mode_layout(""), self.lockstep)
         self._answers = [self._current_input, self._mode_input, *self.extra_inputs()]
         self._state = topics.limb_state_layout(geometry).record()
         self._state["limb"][:] = np.arange(n)
@@ -79,8 +76,8 @@ class BridgeNode(ControlNode):
         self.bridge.bind({name: self._state[name] for name in names})
         self.bridge.bind({"wrench": self._wrench["wrench"]})
         self._warm_up(currents)
-        self._state_output = self._output("limb_state")
-        self._wrench_output = self._output("wrench")
+        self._state_output = self.advertise_live("limb_state")
+        self._wrench_output = self.advertise_live("wrench")
         self.create_service(Trigger, "tare", self._tare)
         self._lock = threading.Lock()
         self._mode = OperatingMode.STOPPED
@@ -129,19 +126,10 @@ class BridgeNode(ControlNode):
             pose_age=max(config.pose_age, oldest),
         )
 
-    def _output(self, topic: str) -> LiveOutput:
-        qos = control_qos(self.lockstep)
-        kind = topics.TYPES[topic]
-        output = LiveOutput(self, topic, kind, qos)
-        self.advertise(topic, output)
-        return output
-
     def extra_inputs(self) -> list[Input]:
         """Inputs besides motor_current and mode: here, the platform's pose from the robot."""
         geometry = self.rig.geometry
-        self._pose_input = Input(
-            self, "platform_pose", topics.pose_layout(geometry), control_qos(self.lockstep)
-        )
+        self._pose_input = Input(self, "platform_pose", topics.pose_layout(geometry), self.lockstep)
         return [self._pose_input]
 
     def on_inputs(self) -> None:

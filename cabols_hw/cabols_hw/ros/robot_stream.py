@@ -15,10 +15,8 @@ from cabols_control.checks import finite_array
 from cabols_control.naming import number
 from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
-from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
-from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
@@ -108,16 +106,10 @@ class RobotStream(GuardedThread):
         self._robot_clock = robot_clock
         self._pose = topics.pose_layout(node.rig.geometry).record()
         self._joints = JointStateBytes(JOINT_NAMES)
-        qos = control_qos(node.lockstep)
-        pose_type = topics.TYPES["platform_pose"]
-        self._pose_output = node.advertise(
-            "platform_pose", LiveOutput(node, "platform_pose", pose_type, qos)
-        )
-        self._joint_output = node.advertise(
-            "joint_states", LiveOutput(node, "joint_states", JointState, qos)
-        )
+        self._pose_output = node.advertise_live("platform_pose")
+        self._joint_output = node.advertise_live("joint_states")
         layout = topics.mode_layout("")
-        self._mode_input = Input(node, "mode", layout, latched_qos(node.lockstep))
+        self._mode_input = Input(node, "mode", layout, node.lockstep)
         self.newest: EgmSample | None = None
         self.stamp_ns = 0
         self.mode: OperatingMode | None = None

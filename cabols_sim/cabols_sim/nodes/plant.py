@@ -16,11 +16,9 @@ from cabols_control.rig import Rig
 from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
-from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import control_qos
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.bridge.bridge import Bridge
@@ -110,12 +108,7 @@ class PlantNode(BridgeNode):
         self._pose = topics.pose_layout(geometry).record()
         self._place = b""
         if self.coupling is None:
-            qos, pose_type = control_qos(self.lockstep), topics.TYPES["platform_pose"]
-            self._pose_output = self.advertise(
-                "platform_pose",
-                LiveOutput(self, "platform_pose", pose_type, qos),
-            )
-
+            self._pose_output = self.advertise_live("platform_pose")
         self._truth = None
         if declare(self, "truth", False, "publish what no sensor sees: true tensions and wrench"):
             self._truth = self._advertise_truth()
@@ -127,12 +120,12 @@ class PlantNode(BridgeNode):
         return replace(config, sensor_flat=0.0) if self.quiet else config
 
     def _advertise_truth(self) -> tuple[Record, Output, Record, Output]:
-        geometry, qos = self.rig.geometry, control_qos(self.lockstep)
+        geometry = self.rig.geometry
         state = topics.limb_state_layout(geometry).record()
         state["limb"][:] = np.arange(geometry.cables)
         wrench = topics.wrench_layout(geometry.base_frame).record()
         names = ("true_limb_state", "true_wrench")
-        outputs = [Output(self, name, topics.TYPES[name], qos) for name in names]
+        outputs = [Output(self, name, self.lockstep) for name in names]
         return state, outputs[0], wrench, outputs[1]
 
     def _publish_truth(self, stamp_ns: int, sequence: int) -> None:
@@ -166,7 +159,7 @@ class PlantNode(BridgeNode):
             return pose
         geometry = self.rig.geometry
         self._tension_input = Input(
-            self, "tension_command", topics.tension_command_layout(geometry), control_qos(True)
+            self, "tension_command", topics.tension_command_layout(geometry), lockstep=True
         )
         return [self._tension_input]
 

@@ -23,8 +23,9 @@ from cabols_control.naming import configuration_name, reflector_name
 from cabols_control.rig import load_rig
 from cabols_control.ros import topics, transport
 from cabols_control.ros.loop import Input
-from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_control.supervision.modes import OperatingMode
+from cabols_control.topics import NAMESPACE
 
 NEEDED = ("supervisor", "plant", "limb_controller", "wrench_controller", "abb_tracker_bridge")
 """Nodes that must report RUNNING before anything moves."""
@@ -123,11 +124,11 @@ class Story:
     def _open(self) -> None:
         self._context = rclpy.Context()
         transport.init(context=self._context, domain_id=self._domain)
-        node = rclpy.create_node("operator", namespace=topics.NAMESPACE, context=self._context)
+        node = rclpy.create_node("operator", namespace=NAMESPACE, context=self._context)
         self._node = node
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(node)
-        node.create_subscription(Mode, "mode", self._hear_mode, latched_qos(lockstep=False))
+        node.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode"))
         self._layout = topics.limb_state_layout(load_rig().geometry)
         self._set_mode = node.create_client(SetMode, "set_mode")
         self._actions = {
@@ -178,7 +179,7 @@ class Story:
     def _await_nodes(self) -> None:
         """Wait until every node that is needed reports that it runs."""
         reports = self._node.create_subscription(
-            LoopStatus, "loop_status", self._hear_status, status_qos()
+            LoopStatus, "loop_status", self._hear_status, topic_qos("loop_status")
         )
         self._wait(lambda: self._running >= set(NEEDED), self._missing, START_S)
         self._node.destroy_subscription(reports)
@@ -202,7 +203,7 @@ class Story:
         # Old zeros are forgotten when the bridge hears of the mode.
         self._pause(SETTLE_S)
         # Only now, and without a callback: the samples come at 1 kHz, and the cores are few.
-        state = Input(self._node, "limb_state", self._layout, control_qos(lockstep=False))
+        state = Input(self._node, "limb_state", self._layout)
 
         def zeroed() -> bool:
             state.take()

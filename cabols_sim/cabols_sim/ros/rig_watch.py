@@ -24,9 +24,10 @@ from cabols_control.geometry import load_geometry
 from cabols_control.ros import topics, transport
 from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Input, make_wait_set, wait
-from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_control.stamps import time_ns
 from cabols_control.supervision.modes import OperatingMode
+from cabols_control.topics import NAMESPACE
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
 IN_PATH = ("plant", "limb_controller", "wrench_controller")
@@ -60,9 +61,7 @@ class RigWatch:
         self._arrived = 0.0
         self._context = rclpy.Context()
         transport.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node(
-            "rig_watch", namespace=topics.NAMESPACE, context=self._context
-        )
+        self._node = rclpy.create_node("rig_watch", namespace=NAMESPACE, context=self._context)
         self._lock = threading.Lock()
         self._abandoned = threading.Event()
         self._states: list[tuple[float, FloatArray, FloatArray]] = []
@@ -72,18 +71,16 @@ class RigWatch:
         self._heard: dict[str, str] = {}
         self.mode: OperatingMode | None = None
         self.mode_reason = ""
-        quick = control_qos(lockstep=False)
-        quick.depth = DEPTH
         geometry = load_geometry()
         layout = topics.limb_state_layout(geometry)
-        self._state_input = Input(self._node, "true_limb_state", layout, quick)
+        self._state_input = Input(self._node, "true_limb_state", layout, depth=DEPTH)
         layout = topics.wrench_layout(geometry.base_frame)
-        self._wrench_input = Input(self._node, "true_wrench", layout, quick)
+        self._wrench_input = Input(self._node, "true_wrench", layout, depth=DEPTH)
         subscribe = self._node.create_subscription
-        subscribe(LoopStatus, "loop_status", self._hear_status, status_qos())
-        subscribe(Mode, "mode", self._hear_mode, latched_qos(lockstep=False))
+        subscribe(LoopStatus, "loop_status", self._hear_status, topic_qos("loop_status"))
+        subscribe(Mode, "mode", self._hear_mode, topic_qos("mode"))
         self._desired = self._node.create_publisher(
-            WrenchStamped, "desired_wrench", control_qos(lockstep=False)
+            WrenchStamped, "desired_wrench", topic_qos("desired_wrench")
         )
         self._set_mode = self._node.create_client(SetMode, "set_mode")
         self._reset = self._node.create_client(Trigger, "reset")

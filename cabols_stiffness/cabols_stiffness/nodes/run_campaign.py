@@ -17,7 +17,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from cabols_control.naming import configuration_name, reflector_name
-from cabols_control.ros import topics, transport
+from cabols_control.ros import transport
+from cabols_control.topics import NAMESPACE
 
 START_S = 180.0
 """The nodes must run within this; a first start compiles for a minute or two."""
@@ -39,7 +40,7 @@ class Client:
         self._note = ""
         self._line = ""
         self._ended = False
-        self._node = rclpy.create_node("run_campaign", namespace=topics.NAMESPACE)
+        self._node = rclpy.create_node("run_campaign", namespace=NAMESPACE)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, RunStiffnessTest, "run_stiffness_test")

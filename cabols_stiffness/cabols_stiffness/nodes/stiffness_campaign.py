@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from cabols_msgs.action import RunStiffnessTest
-from cabols_msgs.msg import CampaignStatus, StiffnessEstimate, StiffnessLoad
+from cabols_msgs.msg import CampaignStatus, StiffnessEstimate
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.serialization import serialize_message
@@ -21,11 +21,10 @@ from cabols_control.bags.metadata import FILE_NAME as METADATA
 from cabols_control.bags.recover import recover
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
-from cabols_control.ros.loop import Output
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
-from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.analysis.bag import read_loads
@@ -54,13 +53,14 @@ class StiffnessCampaignNode(ControlNode):
             self, "campaign_file", "", "campaign.yaml of campaigns that name none; empty: bench"
         )
         self._leader = TensionLeader(self)
-        self._loads = self._advertise("stiffness_load", StiffnessLoad, status_qos())
-        latched = latched_qos(False)
-        self._status_output = self._advertise("campaign_status", CampaignStatus, latched)
+        self._loads = self.advertise("stiffness_load")
+        self._status_output = self.advertise("campaign_status")
         self._estimate: StiffnessEstimate | None = None
         self._intake = Intake(self)
         self._intake.on_look = self._lead
-        self.create_subscription(StiffnessEstimate, "stiffness_estimate", self._hear, latched)
+        self.create_subscription(
+            StiffnessEstimate, "stiffness_estimate", self._hear, topic_qos("stiffness_estimate")
+        )
         self._operator = Operator(self, self._intake)
         self._run: CampaignRun | None = None
         self._thread: threading.Thread | None = None
@@ -88,9 +88,6 @@ class StiffnessCampaignNode(ControlNode):
             cancel_callback=self._cancel,
             callback_group=ReentrantCallbackGroup(),
         )
-
-    def _advertise(self, topic: str, kind: type, qos: Any) -> Output:
-        return self.advertise(topic, Output(self, topic, kind, qos))
 
     def begin(self) -> None:
         """Start listening."""

@@ -10,9 +10,8 @@ from cabols_msgs.msg import CampaignStatus, StiffnessEstimate, StiffnessLoad
 from rclpy.serialization import serialize_message
 
 from cabols_control.errors import CabolsError
-from cabols_control.ros.loop import Output
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
-from cabols_control.ros.qos import latched_qos, status_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_stiffness.campaign.journal import PLAN, read_samples
 from cabols_stiffness.campaign.plan import load_plan
 from cabols_stiffness.identification.running import RunningIdentification
@@ -31,11 +30,7 @@ class StiffnessIdentifierNode(ControlNode):
     def __init__(self) -> None:
         """Subscribe to stiffness_load and campaign_status; advertise stiffness_estimate."""
         super().__init__("stiffness_identifier")
-        latched = latched_qos(False)
-        self._output = self.advertise(
-            "stiffness_estimate",
-            Output(self, "stiffness_estimate", StiffnessEstimate, latched),
-        )
+        self._output = self.advertise("stiffness_estimate")
         self._folder = ""
         self._accuracy = 0.0
         self._skipped = 0
@@ -43,8 +38,11 @@ class StiffnessIdentifierNode(ControlNode):
         self._trouble = ""
         self._last_folder = ""
         self._reports = ReportService(self, lambda: self._last_folder)
-        self.create_subscription(CampaignStatus, "campaign_status", self._hear_status, latched)
-        self.create_subscription(StiffnessLoad, "stiffness_load", self._hear_load, status_qos())
+        for msg_type, topic, hear in (
+            (CampaignStatus, "campaign_status", self._hear_status),
+            (StiffnessLoad, "stiffness_load", self._hear_load),
+        ):
+            self.create_subscription(msg_type, topic, hear, topic_qos(topic))
         self.create_timer(REPORT_S, lambda: self.status.cycle(0, RUNNING, self._trouble))
 
     def _hear_status(self, message: CampaignStatus) -> None:

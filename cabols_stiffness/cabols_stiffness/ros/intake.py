@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from cabols_control.bags.metadata import OfferedQos
@@ -19,7 +18,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
 from cabols_control.ros.loop import Input, make_wait_set, subscribe_aside, wait_for
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.ros.qos import topic_qos
 from cabols_control.stamps import column_ns, time_ns
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.measurements.window import Rolling
@@ -90,11 +89,11 @@ class Stream:
     def __init__(
         self, node: ControlNode, topic: str, columns: int, capacity: int, lockstep: bool
     ) -> None:
-        qos = control_qos(lockstep)
-        wanted = QoSProfile(depth=DEPTH, reliability=qos.reliability, durability=qos.durability)
         self.topic = topic
-        self._type = topics.TYPES[topic]
-        self._subscription = subscribe_aside(node, self._type, topic, wanted)
+        self._type = topics.message_type(topic)
+        self._subscription = subscribe_aside(
+            node, self._type, topic, topic_qos(topic, lockstep, DEPTH)
+        )
         self._handle = self._subscription.handle
         self.rolling = Rolling(columns, capacity)
 
@@ -161,14 +160,13 @@ class Intake(GuardedThread):
         self._node = node
         lockstep = node.lockstep
         geometry = node.rig.geometry
-        qos = control_qos(lockstep)
-        # Of these only the newest counts; old ones need not even be looked at.
-        qos.depth = 1
         self._wrench = WrenchStream(node, lockstep)
         self._joint = JointStream(node, lockstep)
-        self._state = Input(node, "limb_state", topics.limb_state_layout(geometry), qos)
-        self._pose = Input(node, "platform_pose", topics.pose_layout(geometry), qos)
-        self._mode = Input(node, "mode", topics.mode_layout(""), latched_qos(lockstep))
+        # Of these only the newest counts; old ones need not even be looked at.
+        states, poses = topics.limb_state_layout(geometry), topics.pose_layout(geometry)
+        self._state = Input(node, "limb_state", states, lockstep, depth=1)
+        self._pose = Input(node, "platform_pose", poses, lockstep, depth=1)
+        self._mode = Input(node, "mode", topics.mode_layout(""), lockstep)
         self._wait_set = make_wait_set(node, 1)
         self.news = threading.Condition()
         self.wrenches, self.joints = self._wrench.rolling, self._joint.rolling

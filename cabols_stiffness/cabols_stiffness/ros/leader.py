@@ -8,9 +8,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.ros import topics
-from cabols_control.ros.loop import Output
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.qos import control_qos
 
 
 class TensionLeader:
@@ -24,10 +22,7 @@ class TensionLeader:
         layout = topics.desired_tension_layout(node.rig.geometry)
         self._record = layout.record()
         self._record["limb"][:] = np.arange(node.rig.geometry.cables)
-        self._output = node.advertise(
-            "desired_tension",
-            Output(node, "desired_tension", layout.msg_type, control_qos(node.lockstep)),
-        )
+        self._output = node.advertise("desired_tension")
         self.rest = np.full(node.rig.geometry.cables, node.rig.holding_tension)
         self._lock = threading.Lock()
         self._goal = self.rest.copy()

@@ -1,0 +1,204 @@
+"""The topics of the graph, once: nodes, recorder, bags, table of nodes and docs read this table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+NAMESPACE = "/cabols"
+LIVE = "live/"
+"""A topic's slow copy, for pages and viewers, is named so below the namespace (ros/live.py)."""
+
+
+class Quality(Enum):
+    """How messages of a topic are delivered (cabols_control.ros.qos says why)."""
+
+    CONTROL = "best effort, newest only; in lockstep reliable and deep"
+    MODE = "reliable, newest kept for late readers; in lockstep deep"
+    LATCHED = "reliable, newest kept for late readers"
+    REPORT = "reliable, 100 deep"
+    LIVE = "best effort, newest only"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic.
+
+    Attributes:
+        name: relative to the namespace.
+        type_name: of its messages.
+        quality: of their delivery.
+        description: one line: from where, what, unit, frame.
+        arrays: fields with one value for each cable.
+        recorded: whether a recorder takes it unless told otherwise.
+        live: whether there is a slow copy of it.
+        in_loop: whether the control loop waits for it; a recorder then lets the loop's own readers
+            subscribe first.
+    """
+
+    name: str
+    type_name: str
+    quality: Quality
+    description: str
+    arrays: tuple[str, ...] = ()
+    recorded: bool = True
+    live: bool = False
+    in_loop: bool = False
+
+
+_LIMB_ARRAYS = (
+    "limb",
+    "wound_length",
+    "elongation",
+    "tension",
+    "current",
+    "switch_closed",
+    "zeroed",
+)
+_ROWS = (
+    Topic(
+        "limb_state",
+        "cabols_msgs/msg/LimbState",
+        Quality.CONTROL,
+        "state of all limbs, sampled by the bridge every 1 ms: the clock of the graph",
+        arrays=_LIMB_ARRAYS,
+        live=True,
+        in_loop=True,
+    ),
+    Topic(
+        "wrench",
+        "geometry_msgs/msg/WrenchStamped",
+        Quality.CONTROL,
+        "measured force [N] and torque [N m] on the platform, in the platform's axes",
+        live=True,
+        in_loop=True,
+    ),
+    Topic(
+        "motor_current",
+        "cabols_msgs/msg/MotorCurrent",
+        Quality.CONTROL,
+        "current of each motor [A], the limb controller's answer to limb_state",
+        arrays=("limb", "current", "saturated"),
+        in_loop=True,
+    ),
+    Topic(
+        "tension_command",
+        "cabols_msgs/msg/TensionCommand",
+        Quality.CONTROL,
+        "setpoint of each tension [N], the wrench controller's answer to wrench",
+        arrays=("limb", "tension"),
+        live=True,
+        in_loop=True,
+    ),
+    Topic(
+        "desired_wrench",
+        "geometry_msgs/msg/WrenchStamped",
+        Quality.CONTROL,
+        "setpoint of the wrench on the platform [N, N m], in the rig's base axes",
+    ),
+    Topic(
+        "desired_tension",
+        "cabols_msgs/msg/DesiredTension",
+        Quality.CONTROL,
+        "setpoint of each tension [N] in place of a wrench, by a campaign",
+        arrays=("limb", "tension"),
+    ),
+    Topic(
+        "platform_pose",
+        "geometry_msgs/msg/PoseStamped",
+        Quality.CONTROL,
+        "pose of the platform in the rig's base frame [m], from the robot",
+        live=True,
+    ),
+    Topic(
+        "mode",
+        "cabols_msgs/msg/Mode",
+        Quality.MODE,
+        "operating mode, and why, from the supervisor",
+    ),
+    Topic(
+        "loop_status",
+        "cabols_msgs/msg/LoopStatus",
+        Quality.REPORT,
+        "state, fault and counters of every node's loop",
+    ),
+    Topic(
+        "true_limb_state",
+        "cabols_msgs/msg/LimbState",
+        Quality.CONTROL,
+        "simulation: state of the limbs without the sensors' errors",
+        arrays=_LIMB_ARRAYS,
+        recorded=False,
+    ),
+    Topic(
+        "true_wrench",
+        "geometry_msgs/msg/WrenchStamped",
+        Quality.CONTROL,
+        "simulation: wrench of the cables on the platform, in the rig's base axes [N, N m]",
+        recorded=False,
+    ),
+    Topic(
+        "joint_states",
+        "sensor_msgs/msg/JointState",
+        Quality.CONTROL,
+        "joint angles of the robot [rad]",
+        live=True,
+    ),
+    Topic(
+        "reflector_measurement",
+        "cabols_msgs/msg/ReflectorMeasurement",
+        Quality.REPORT,
+        "each reading of the laser tracker: position of a reflector [m] in the tracker's frame",
+    ),
+    Topic(
+        "stiffness_load",
+        "cabols_msgs/msg/StiffnessLoad",
+        Quality.REPORT,
+        "one completed load of a stiffness campaign, with its window of time",
+    ),
+    Topic(
+        "stiffness_estimate",
+        "cabols_msgs/msg/StiffnessEstimate",
+        Quality.LATCHED,
+        "joint stiffness from the loads so far [N m/rad]",
+    ),
+    Topic(
+        "campaign_status",
+        "cabols_msgs/msg/CampaignStatus",
+        Quality.LATCHED,
+        "where a stiffness campaign stands",
+    ),
+    Topic(
+        "attendance",
+        "cabols_msgs/msg/Attendance",
+        Quality.REPORT,
+        "heartbeat of the console whose page is in command",
+        recorded=False,
+    ),
+    Topic(
+        "recording",
+        "std_msgs/msg/String",
+        Quality.LATCHED,
+        "folder of the bag in progress; empty: none",
+        recorded=False,
+    ),
+    Topic(
+        "markers",
+        "visualization_msgs/msg/MarkerArray",
+        Quality.REPORT,
+        "the rig as shapes for RViz",
+        recorded=False,
+    ),
+)
+TOPICS = {row.name: row for row in _ROWS}
+RECORDED = tuple(row.name for row in _ROWS if row.recorded)
+"""What is recorded unless told otherwise: what a real rig has, too."""
+
+
+def topic_row(name: str) -> Topic:
+    """Return the row of a topic, or of the topic whose slow copy is named.
+
+    Raises:
+        KeyError: if the graph has no such topic.
+    """
+    return TOPICS[name.removeprefix(LIVE)]
