@@ -205,8 +205,8 @@ def graph_nodes() -> list[Any]:
 
 
 def topic_rows() -> Iterator[tuple[str, ...]]:
-    """Yield the topics: name, type, quality of service, writers, readers, whether recorded."""
-    from cabols_control.ros import topics
+    """Yield the topics: name, type, quality of service, writers, readers, recorded, what."""
+    from cabols_control.topics import TOPICS
 
     writers, readers = defaultdict(set), defaultdict(set)
     for node in graph_nodes():
@@ -214,18 +214,15 @@ def topic_rows() -> Iterator[tuple[str, ...]]:
             writers[topic].add(f"`{node.executable}`")
         for topic in node.reads:
             readers[topic].add(f"`{node.executable}`")
-    for name, kind in topics.TYPES.items():
-        if name in topics.CONTROL_TOPICS:
-            quality = "best effort, last 1"
-        else:
-            quality = "reliable, latched" if name in topics.LATCHED_TOPICS else "reliable"
+    for name, topic in TOPICS.items():
         yield (
             f"`{name}`",
-            f"{kind.__module__.split('.')[0]}/{kind.__name__}",
-            quality,
+            topic.type_name.replace("/msg/", "/"),
+            topic.quality.value,
             ", ".join(sorted(writers[name])),
             ", ".join(sorted(readers[name] - {"`recorder`"})),
-            "yes" if name in topics.RECORDED else "no",
+            "yes" if topic.recorded else "no",
+            topic.description,
         )
 
 
@@ -277,7 +274,7 @@ def picture() -> str:
 def page() -> str:
     """Write docs/interface.md."""
     lines = [HEAD, "## Topics", ""]
-    lines += table(("topic", "type", "quality", "from", "to", "recorded"), topic_rows())
+    lines += table(("topic", "type", "quality", "from", "to", "recorded", "what"), topic_rows())
     lines += ["", LIVE, "Beside these, from single nodes:", ""]
     lines += table(("topic", "type", "from"), other_topics(ROOT))
     lines += [""]
