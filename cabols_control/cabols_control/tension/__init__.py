@@ -4,13 +4,14 @@
 for new poses. Compiled loops use `prepare_pose` once per pose and `solve_prepared` per wrench.
 """
 
-from .distribution import DEFAULT_WEIGHTS, METHODS, distribute
+from .arguments import DEFAULT_WEIGHTS
+from .distribution import METHODS, distribute
 from .kernels.basis import prepare_pose
 from .kernels.dispatch import detect_prepared, solve_batch, solve_pose_batch, solve_prepared
-from .kernels.work_array import work_size
+from .kernels.work_array import FEASIBLE, INFEASIBLE, INVALID, work_size
 from .methods import CHOICES, check_method, choose_prepared, set_method
 from .resolver import RigTensionResolver, TensionResolver
-from .solution import FEASIBLE, INFEASIBLE, INVALID, TensionSolution
+from .solution import TensionSolution
 
 __all__ = [
     "CHOICES",

@@ -7,91 +7,20 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.checks import finite_array
+from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError, ShapeError
-from cabols_control.naming import cable_name
 
+from .arguments import check_limits, check_matrix, check_weights, check_wrench
 from .kernels.basis import prepare_pose
-from .kernels.work_array import ITERATIONS, work_size
+from .kernels.work_array import FEASIBLE, INVALID, ITERATIONS, work_size
 from .methods import CHOICES, DEFAULT_EXPONENT, choose_prepared, set_method
 from .references.daqp_fallback import solve_daqp
 from .references.enumeration import enumerate_active_sets
-from .solution import FEASIBLE, INVALID, FloatArray, TensionSolution
-
-MIN_CABLES = 6
-WEIGHT_LENGTH_M = 0.15
-"""Torque counts as force at this radius, the reference platform's, in the default weights."""
-DEFAULT_WEIGHTS = (1.0, 1.0, 1.0, *[1.0 / WEIGHT_LENGTH_M] * 3)
+from .solution import TensionSolution
 
 Exact = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], tuple[FloatArray | None, int]]
 _EXACT: dict[str, Exact] = {"kkt_enumeration": enumerate_active_sets, "daqp": solve_daqp}
 METHODS = (*CHOICES, *_EXACT)
-
-
-def check_limits(
-    n: int, tension_min: ArrayLike, tension_max: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
-    """Return both limits as (n,) arrays [N].
-
-    Raises:
-        ShapeError: if one is neither a number nor (n,), or not finite.
-        CabolsError: if a lower limit is above its upper limit.
-    """
-    limits = []
-    for name, value in (("tension_min", tension_min), ("tension_max", tension_max)):
-        each = np.full(n, value) if np.ndim(value) == 0 else value
-        limits.append(finite_array(name, each, (n,)))
-    low, high = limits
-    wrong = np.flatnonzero(low > high)
-    if wrong.size:
-        i = int(wrong[0])
-        raise CabolsError(
-            f"tension_min: expected at most tension_max for every cable, got {low[i]:g} N above "
-            f"{high[i]:g} N for {cable_name(i)}; swap them or widen the limits"
-        )
-    return low, high
-
-
-def check_weights(weights: ArrayLike | None) -> FloatArray:
-    """Return the weights of the nearest wrench as a (6,) array, the default for None.
-
-    Raises:
-        ShapeError: if they are not (6,) or not finite.
-        CabolsError: if one is not positive.
-    """
-    if weights is None:
-        return np.array(DEFAULT_WEIGHTS)
-    array = finite_array("weights", weights, (6,))
-    if not (array > 0.0).all():
-        raise CabolsError(f"weights: expected six positive numbers, got {array}; drop the zeros")
-    return array
-
-
-def check_matrix(A: ArrayLike) -> FloatArray:
-    """Return the structure matrix as a (6, n) array with n >= 6.
-
-    Raises:
-        ShapeError: otherwise, or if it is not finite.
-    """
-    matrix = finite_array("A", A, (6, None))
-    if matrix.shape[1] < MIN_CABLES:
-        raise ShapeError(
-            f"A: expected at least {MIN_CABLES} columns, got shape {matrix.shape}; six degrees "
-            "of freedom need six cables"
-        )
-    return matrix
-
-
-def check_wrench(wrench: ArrayLike) -> FloatArray:
-    """Return the wrench as a (6,) array.
-
-    Raises:
-        ShapeError: if it is not (6,) or not finite (beyond 1e100 counts as not finite).
-    """
-    array = finite_array("wrench", wrench, (6,))
-    if not np.abs(array).max() < 1e99:
-        raise ShapeError(f"wrench: expected components below 1e99, got {array}; check the units")
-    return array
 
 
 def distribute(

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 
+from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 
 from .kernels.centres import (
@@ -33,6 +34,8 @@ from .kernels.static_size import EIGHT, compiled
 from .kernels.work_array import (
     CABLES,
     EXPONENT,
+    FEASIBLE,
+    INVALID,
     ITERATIONS,
     METHOD,
     READY,
@@ -43,7 +46,6 @@ from .kernels.work_array import (
     at_limits,
     at_scratch,
 )
-from .solution import FEASIBLE, INVALID, FloatArray
 
 MIN_NORM, P_NORM, BARYCENTRE, ANALYTIC_CENTRE = 0, 1, 2, 3
 CHOICES = {

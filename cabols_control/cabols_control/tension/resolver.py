@@ -1,119 +1,44 @@
 """Solvers to keep: one for a fixed pose, one for a rig whose pose changes with every call.
 
-Both hold one work array, so an object serves one thread. A call costs about a microsecond, most
-of it the way from Python into compiled code: few arguments, and status and iterations in one
-integer.
+Each holds one work array, so an object serves one thread.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NoReturn
-
 import numpy as np
-from numba import types
 from numpy.typing import ArrayLike
 
-from cabols_control.cable_kernels import structure_matrix_into
-from cabols_control.checks import finite_array
+from cabols_control.checks import FloatArray, IntArray, finite_array
 from cabols_control.errors import ShapeError
 
-from .distribution import MIN_CABLES, check_limits, check_matrix, check_weights, check_wrench
+from .arguments import (
+    MIN_CABLES,
+    batch_outputs,
+    batch_rows,
+    check_limits,
+    check_matrix,
+    check_weights,
+    check_wrench,
+    refuse_output,
+    refuse_wrench,
+)
+from .calls import STATUS_BITS, STATUS_MASK, detect_entry, solve_at_entry, solve_entry
 from .kernels.basis import prepare_pose
-from .kernels.dispatch import detect_prepared, solve_batch, solve_pose_batch, solve_prepared
-from .kernels.eight_cables import solve_pose_eight
-from .kernels.static_size import compiled
-from .kernels.work_array import CABLES, ITERATIONS, at_limits, at_structure, at_weights, work_size
-from .solution import FEASIBLE, FloatArray, IntArray, TensionSolution
+from .kernels.dispatch import solve_batch, solve_pose_batch
+from .kernels.work_array import (
+    CABLES,
+    FEASIBLE,
+    INFEASIBLE,
+    at_limits,
+    at_weights,
+    rig_work_size,
+    work_size,
+)
+from .solution import TensionSolution
 
-_WRONG_SHAPE = 3
-_STATUS_BITS = 3
 _METHOD = "min_norm"
 _new = tuple.__new__
 _empty = np.empty
-
-
-@compiled
-def _solve_call(
-    work: FloatArray, wrench: FloatArray, tension: FloatArray, residual: FloatArray
-) -> int:
-    """`solve_prepared` with a shape check; iterations stand above the status."""
-    if wrench.shape[0] != 6 or tension.shape[0] != int(work[CABLES]):
-        return _WRONG_SHAPE
-    status = solve_prepared(work, wrench, tension, residual)
-    return status + (int(work[ITERATIONS]) << _STATUS_BITS)
-
-
-@compiled
-def _detect_call(work: FloatArray, wrench: FloatArray) -> int:
-    """`detect_prepared` with a shape check."""
-    return detect_prepared(work, wrench) if wrench.shape[0] == 6 else _WRONG_SHAPE
-
-
-@compiled
-def _solve_at_call(
-    work: FloatArray,
-    position: FloatArray,
-    rotation: FloatArray,
-    wrench: FloatArray,
-    tension: FloatArray,
-    residual: FloatArray,
-) -> int:
-    """Structure matrix, basis and solution; the rig's points lie at the end of `work`.
-
-    Its limits and weights lie where prepare_pose writes them: it reads them there, too.
-    """
-    if position.shape[0] != 3 or rotation.shape != (3, 3) or wrench.shape[0] != 6:
-        return _WRONG_SHAPE
-    n = int(work[CABLES])
-    if tension.shape[0] != n:
-        return _WRONG_SHAPE
-    start = work_size(n)
-    base = work[start : start + 3 * n].reshape((n, 3))
-    platform = work[start + 3 * n : start + 6 * n].reshape((n, 3))
-    A = work[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
-    low = work[at_limits(n) : at_limits(n) + n]
-    high = work[at_limits(n) + n : at_limits(n) + 2 * n]
-    structure_matrix_into(base, platform, position, rotation, A)
-    if n == 8 and solve_pose_eight(work, low, high, wrench, tension):
-        for row in range(6):
-            total = -wrench[row]
-            for i in range(8):
-                total += A[row, i] * tension[i]
-            residual[row] = total
-        return FEASIBLE + (int(work[ITERATIONS]) << _STATUS_BITS)
-    weights = work[at_weights(n) : at_weights(n) + 6]
-    prepare_pose(A, low, high, weights, work)
-    return _solve_call(work, wrench, tension, residual)
-
-
-def _entry(function: Any, *ranks: int) -> Callable[..., int]:
-    """Compile for C-contiguous float64 arrays of these ranks and for nothing else.
-
-    Other arguments then raise TypeError instead of starting the compiler inside a loop.
-    """
-    function.compile(tuple(types.Array(types.float64, rank, "C") for rank in ranks))
-    function.disable_compile()
-    entry: Callable[..., int] = function
-    return entry
-
-
-_entry_solve = _entry(_solve_call, 1, 1, 1, 1)
-_entry_detect = _entry(_detect_call, 1, 1)
-_entry_solve_at = _entry(_solve_at_call, 1, 1, 2, 1, 1, 1)
-
-
-def _refuse(wrench: ArrayLike) -> NoReturn:
-    """Say what is wrong with a wrench that the compiled code refused."""
-    check_wrench(wrench)
-    raise ShapeError(f"wrench: expected six finite numbers, got {wrench!r}; check the pose, too")
-
-
-def _refuse_into(wrench: FloatArray, tension: FloatArray, n: int) -> NoReturn:
-    """Say what is wrong with a wrench or an output array."""
-    if tension.shape != (n,):
-        raise ShapeError(f"tension: expected shape ({n},), got {tension.shape}; one per cable")
-    _refuse(wrench)
 
 
 class TensionResolver:
@@ -160,15 +85,13 @@ class TensionResolver:
         """
         tension, residual = _empty(self.cables), _empty(6)
         try:
-            code = _entry_solve(self.work, wrench, tension, residual)
+            code = solve_entry(self.work, wrench, tension, residual)
         except TypeError:  # a list, float32, strided: convert, then the same way
-            code = _entry_solve(self.work, check_wrench(wrench), tension, residual)
-        status = code & 7
-        if status > 1:
-            _refuse(wrench)
-        return _new(
-            TensionSolution, (tension, status == 0, residual, _METHOD, code >> _STATUS_BITS)
-        )
+            code = solve_entry(self.work, check_wrench(wrench), tension, residual)
+        status = code & STATUS_MASK
+        if status > INFEASIBLE:
+            refuse_wrench(wrench)
+        return _new(TensionSolution, (tension, status == 0, residual, _METHOD, code >> STATUS_BITS))
 
     def solve_into(self, wrench: FloatArray, tension: FloatArray) -> bool:
         """Tensions for one wrench into an array, for loops that allocate nothing.
@@ -183,10 +106,10 @@ class TensionResolver:
         Raises:
             ShapeError: if the wrench is not (6,) or not finite, or tension is not (n,).
         """
-        status = _entry_solve(self.work, wrench, tension, self._residual) & 7
-        if status > 1:
-            _refuse_into(wrench, tension, self.cables)
-        return bool(status == 0)
+        status = solve_entry(self.work, wrench, tension, self._residual) & STATUS_MASK
+        if status > INFEASIBLE:
+            refuse_output(wrench, tension, self.cables)
+        return bool(status == FEASIBLE)
 
     def feasible(self, wrench: ArrayLike) -> bool:
         """Whether the wrench, (6,) [N], [N m], is feasible, without the nearest one.
@@ -195,11 +118,11 @@ class TensionResolver:
             ShapeError: if the wrench is not (6,) or not finite.
         """
         try:
-            status = _entry_detect(self.work, wrench)
+            status = detect_entry(self.work, wrench)
         except TypeError:
-            status = _entry_detect(self.work, check_wrench(wrench))
-        if status > 1:
-            _refuse(wrench)
+            status = detect_entry(self.work, check_wrench(wrench))
+        if status > INFEASIBLE:
+            refuse_wrench(wrench)
         return bool(status == FEASIBLE)
 
     def solve_batch(
@@ -219,8 +142,8 @@ class TensionResolver:
         Raises:
             ShapeError: if the wrenches are not (k, 6).
         """
-        array = _batch("wrenches", wrenches, (6,))
-        tensions, status = _batch_out(out, array.shape[0], self.cables)
+        array = batch_rows("wrenches", wrenches, (6,))
+        tensions, status = batch_outputs(out, array.shape[0], self.cables)
         solve_batch(self.work, array, tensions, status)
         return tensions, status
 
@@ -240,7 +163,7 @@ class RigTensionResolver:
         CabolsError: if a lower limit is above its upper limit or a weight is not positive.
     """
 
-    __slots__ = ("_limits", "_points", "_residual", "_weights", "cables", "work")
+    __slots__ = ("_residual", "cables", "work")
 
     def __init__(
         self,
@@ -258,16 +181,13 @@ class RigTensionResolver:
                 f"base_points: expected at least {MIN_CABLES} cables, got {n}; add some"
             )
         platform = finite_array("platform_points", platform_points, (n, 3))
-        self._points = np.ascontiguousarray(np.stack([base, platform]))
-        self._limits = check_limits(n, tension_min, tension_max)
-        self._weights = check_weights(weights)
-        self.work = np.zeros(work_size(n) + 6 * n)
+        limits, start = check_limits(n, tension_min, tension_max), at_limits(n)
         self._residual = np.zeros(6)
+        self.work = np.zeros(rig_work_size(n))
         self.work[CABLES] = n
-        self.work[-6 * n :] = self._points.ravel()
-        start = at_limits(n)
-        self.work[start : start + 2 * n] = np.concatenate(self._limits)
-        self.work[at_weights(n) : at_weights(n) + 6] = self._weights
+        self.work[start : start + 2 * n] = np.concatenate(limits)
+        self.work[at_weights(n) : at_weights(n) + 6] = check_weights(weights)
+        self.work[work_size(n) :] = np.concatenate([base.ravel(), platform.ravel()])
 
     def solve(self, position: ArrayLike, rotation: ArrayLike, wrench: ArrayLike) -> TensionSolution:
         """Tensions for one wrench at one pose.
@@ -282,9 +202,9 @@ class RigTensionResolver:
         """
         tension, residual = _empty(self.cables), _empty(6)
         try:
-            code = _entry_solve_at(self.work, position, rotation, wrench, tension, residual)
+            code = solve_at_entry(self.work, position, rotation, wrench, tension, residual)
         except TypeError:
-            code = _entry_solve_at(
+            code = solve_at_entry(
                 self.work,
                 finite_array("position", position, (3,)),
                 finite_array("rotation", rotation, (3, 3)),
@@ -292,14 +212,12 @@ class RigTensionResolver:
                 tension,
                 residual,
             )
-        status = code & 7
-        if status > 1:
+        status = code & STATUS_MASK
+        if status > INFEASIBLE:
             finite_array("position", position, (3,))
             finite_array("rotation", rotation, (3, 3))
-            _refuse(wrench)
-        return _new(
-            TensionSolution, (tension, status == 0, residual, _METHOD, code >> _STATUS_BITS)
-        )
+            refuse_wrench(wrench)
+        return _new(TensionSolution, (tension, status == 0, residual, _METHOD, code >> STATUS_BITS))
 
     def solve_into(
         self, position: FloatArray, rotation: FloatArray, wrench: FloatArray, tension: FloatArray
@@ -312,13 +230,13 @@ class RigTensionResolver:
         Raises:
             ShapeError: if an argument has another shape or is not finite.
         """
-        code = _entry_solve_at(self.work, position, rotation, wrench, tension, self._residual)
-        status = code & 7
-        if status > 1:
+        code = solve_at_entry(self.work, position, rotation, wrench, tension, self._residual)
+        status = code & STATUS_MASK
+        if status > INFEASIBLE:
             finite_array("position", position, (3,))
             finite_array("rotation", rotation, (3, 3))
-            _refuse_into(wrench, tension, self.cables)
-        return bool(status == 0)
+            refuse_output(wrench, tension, self.cables)
+        return bool(status == FEASIBLE)
 
     def solve_batch(
         self,
@@ -335,52 +253,10 @@ class RigTensionResolver:
         Raises:
             ShapeError: if the arguments are not of these shapes.
         """
-        wrench = _batch("wrenches", wrenches, (6,))
+        wrench = batch_rows("wrenches", wrenches, (6,))
         k = wrench.shape[0]
-        position = _batch("positions", positions, (3,), k)
-        rotation = _batch("rotations", rotations, (3, 3), k)
-        tensions, status = _batch_out(out, k, self.cables)
-        solve_pose_batch(
-            self.work,
-            self._points[0],
-            self._points[1],
-            position,
-            rotation,
-            wrench,
-            *self._limits,
-            self._weights,
-            tensions,
-            status,
-        )
+        position = batch_rows("positions", positions, (3,), k)
+        rotation = batch_rows("rotations", rotations, (3, 3), k)
+        tensions, status = batch_outputs(out, k, self.cables)
+        solve_pose_batch(self.work, position, rotation, wrench, tensions, status)
         return tensions, status
-
-
-def _batch_out(
-    out: tuple[FloatArray, IntArray] | None, count: int, n: int
-) -> tuple[FloatArray, IntArray]:
-    """Return the caller's arrays, checked, or new ones."""
-    if out is None:
-        return np.empty((count, n)), np.empty(count, dtype=np.int64)
-    tensions, status = out
-    fits = tensions.shape == (count, n) and status.shape == (count,)
-    if not (fits and tensions.dtype == np.float64 and status.dtype == np.int64):
-        raise ShapeError(
-            f"out: expected float64 ({count}, {n}) and int64 ({count},), got {tensions.dtype} "
-            f"{tensions.shape} and {status.dtype} {status.shape}"
-        )
-    return tensions, status
-
-
-def _batch(
-    name: str, value: ArrayLike, row: tuple[int, ...], count: int | None = None
-) -> FloatArray:
-    """Return value as a C-contiguous (k, *row) array; it need not be finite."""
-    array = np.ascontiguousarray(value, dtype=np.float64)
-    fits = array.ndim == 1 + len(row) and array.shape[1:] == row
-    if not fits or (count is not None and array.shape[0] != count):
-        length = "k" if count is None else str(count)
-        raise ShapeError(
-            f"{name}: expected shape ({', '.join([length, *map(str, row)])}), got {array.shape}; "
-            "one row per case"
-        )
-    return array

@@ -13,7 +13,7 @@ from cabols_control.checks import BoolArray, FloatArray, finite_array
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
 from cabols_control.tension import DEFAULT_WEIGHTS, work_size
-from cabols_control.tension.distribution import check_limits, check_weights
+from cabols_control.tension.arguments import check_limits, check_weights
 from cabols_control.tension.kernels.static_size import compiled
 
 from .hyperplanes import (

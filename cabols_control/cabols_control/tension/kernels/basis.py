@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from cabols_control.tension.solution import FloatArray
+from cabols_control.checks import FloatArray
 
 from .static_size import EIGHT, Size, cables, compiled
 from .work_array import (

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from cabols_control.tension.solution import FloatArray
+from cabols_control.checks import FloatArray
 
 from .static_size import compiled
 from .work_array import SCALE, at_basis, at_limits

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 from cabols_control.cable_kernels import structure_matrix_into
-from cabols_control.tension.solution import FEASIBLE, INFEASIBLE, INVALID, FloatArray, IntArray, Six
+from cabols_control.checks import FloatArray, IntArray
 
 from .basis import prepare_pose
 from .eight_cables import solve_fixed_eight, solve_pose_eight
 from .faces import choose_on_face, choose_on_line
 from .general import least_norm
-from .nearest import CHOOSE, DESCEND, NOTHING, descend, nearest_from_conflict, start_from_limits
+from .nearest import CHOOSE, DESCEND, descend, nearest_from_conflict, start_from_limits
 from .plane import pseudo_inverse_tension, solve_line, solve_plane, solve_point
 from .static_size import EIGHT, Size, cables, compiled
 from .work_array import (
     CABLES,
     DEFICIENT,
+    FEASIBLE,
     GRAM_MAX,
+    INFEASIBLE,
+    INVALID,
     ITERATIONS,
     READY,
     SCALE,
     STATE,
+    Six,
     at_basis,
     at_limits,
     at_structure,
     at_vector,
     at_weights,
+    work_size,
 )
 
 LARGEST_WRENCH = 1e100
@@ -60,8 +65,12 @@ def _usable(work: FloatArray, wrench: FloatArray) -> bool:
 
 
 @compiled
-def _within_limits(work: FloatArray, n: int, tension: FloatArray) -> bool:
-    """Least-norm tensions in place of t0; True if feasible. Rank 6, n other than 8."""
+def _inside_limits(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> bool:
+    """Least-norm tensions if some keep the limits; True if so. Rank 6."""
+    n = cables(size)
+    pseudo_inverse_tension(work, size, target, tension)
+    if n == 8:
+        return solve_plane(work, EIGHT, tension)
     if n == 7:
         return solve_line(work, n, tension)
     if n == 6:
@@ -110,10 +119,42 @@ def clip_and_subtract(
 @compiled
 def _reached(work: FloatArray, target: Six, largest: float) -> bool:
     """Whether a rank-deficient pose reaches the wrench: by the residual."""
+    if work[STATE] != DEFICIENT:
+        return False
     span = work[GRAM_MAX] ** 0.5 * work[SCALE]
     for value in target:
         span = max(span, abs(value))
-    return bool(work[STATE] == DEFICIENT and largest <= DEFICIENT_TOLERANCE * span)
+    return bool(largest <= DEFICIENT_TOLERANCE * span)
+
+
+@compiled
+def _solve(
+    work: FloatArray,
+    size: Size,
+    wrench: FloatArray,
+    tension_out: FloatArray,
+    residual_out: FloatArray,
+) -> int:
+    """Do what `solve_prepared` promises for input that is finite."""
+    n = cables(size)
+    target = _scaled_wrench(work, size, wrench)
+    ready = work[STATE] == READY
+    planar = ready and n == 8
+    plain = planar and solve_fixed_eight(work, wrench, tension_out)
+    if plain or (ready and _inside_limits(work, size, target, tension_out)):
+        clip_and_subtract(work, size, wrench, tension_out, residual_out)
+        return FEASIBLE
+    todo = DESCEND
+    if planar:
+        todo = nearest_from_conflict(work, EIGHT, target, tension_out)
+    else:
+        start_from_limits(work, n, tension_out)
+    if todo == DESCEND:
+        todo = descend(work, n, target, tension_out)
+    if todo == CHOOSE and not (planar and choose_on_line(work, n, tension_out)):
+        choose_on_face(work, n, tension_out)
+    largest = clip_and_subtract(work, size, wrench, tension_out, residual_out)
+    return FEASIBLE if _reached(work, target, largest) else INFEASIBLE
 
 
 @compiled
@@ -136,34 +177,9 @@ def solve_prepared(
     if not _usable(work, wrench):
         return _reject(work, n, tension_out, residual_out)
     work[ITERATIONS] = 0.0
-    target = _scaled_wrench(work, n, wrench)
-    ready = work[STATE] == READY
-    todo = DESCEND
-    if ready and n == 8:
-        if solve_fixed_eight(work, wrench, tension_out):
-            clip_and_subtract(work, EIGHT, wrench, tension_out, residual_out)
-            return FEASIBLE
-        pseudo_inverse_tension(work, EIGHT, target, tension_out)
-        if solve_plane(work, EIGHT, tension_out):
-            clip_and_subtract(work, EIGHT, wrench, tension_out, residual_out)
-            return FEASIBLE
-        todo = nearest_from_conflict(work, EIGHT, target, tension_out)
-        if todo == NOTHING:
-            clip_and_subtract(work, EIGHT, wrench, tension_out, residual_out)
-            return INFEASIBLE
-    else:
-        if ready:
-            pseudo_inverse_tension(work, n, target, tension_out)
-            if _within_limits(work, n, tension_out):
-                clip_and_subtract(work, n, wrench, tension_out, residual_out)
-                return FEASIBLE
-        start_from_limits(work, n, tension_out)
-    if todo == DESCEND:
-        todo = descend(work, n, target, tension_out)
-    if todo == CHOOSE and not (ready and n == 8 and choose_on_line(work, n, tension_out)):
-        choose_on_face(work, n, tension_out)
-    largest = clip_and_subtract(work, n, wrench, tension_out, residual_out)
-    return FEASIBLE if _reached(work, target, largest) else INFEASIBLE
+    if n == 8:
+        return _solve(work, EIGHT, wrench, tension_out, residual_out)
+    return _solve(work, n, wrench, tension_out, residual_out)
 
 
 @compiled
@@ -176,11 +192,12 @@ def detect_prepared(work: FloatArray, wrench: FloatArray) -> int:
     if work[STATE] == DEFICIENT:
         residual = work[at_vector(n, _DETECT_RESIDUAL) : at_vector(n, _DETECT_RESIDUAL) + 6]
         return solve_prepared(work, wrench, tension, residual)
+    target = _scaled_wrench(work, n, wrench)
     if n == 8:
-        pseudo_inverse_tension(work, EIGHT, _scaled_wrench(work, EIGHT, wrench), tension)
-        return FEASIBLE if solve_plane(work, EIGHT, tension) else INFEASIBLE
-    pseudo_inverse_tension(work, n, _scaled_wrench(work, n, wrench), tension)
-    return FEASIBLE if _within_limits(work, n, tension) else INFEASIBLE
+        inside = _inside_limits(work, EIGHT, target, tension)
+    else:
+        inside = _inside_limits(work, n, target, tension)
+    return FEASIBLE if inside else INFEASIBLE
 
 
 @compiled
@@ -219,42 +236,87 @@ def solve_batch(
 
 
 @compiled
+def _plain_at_pose(
+    work: FloatArray,
+    position: FloatArray,
+    rotation: FloatArray,
+    wrench: FloatArray,
+    tension: FloatArray,
+) -> bool:
+    """Structure matrix of a rig's new pose, then tensions if its wrench is plain; else its basis.
+
+    Limits and weights lie where `prepare_pose` writes them: it reads them there, too.
+    """
+    n = int(work[CABLES])
+    start, limits = work_size(n), at_limits(n)
+    base = work[start : start + 3 * n].reshape((n, 3))
+    platform = work[start + 3 * n : start + 6 * n].reshape((n, 3))
+    A = work[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
+    low, high = work[limits : limits + n], work[limits + n : limits + 2 * n]
+    structure_matrix_into(base, platform, position, rotation, A)
+    if n == 8 and solve_pose_eight(work, low, high, wrench, tension):
+        return True
+    prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
+    return False
+
+
+@compiled
+def solve_at_pose(
+    work: FloatArray,
+    position: FloatArray,
+    rotation: FloatArray,
+    wrench: FloatArray,
+    tension_out: FloatArray,
+    residual_out: FloatArray,
+) -> int:
+    """`solve_prepared` at a new pose, structure matrix included.
+
+    Args:
+        work: (rig_work_size(n),) work array of a rig: number of cables, limits and weights in
+            their places, the points at the end. No pose is ready in it afterwards.
+        position: (3,) platform origin, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+        wrench: (6,) [N], [N m], base axes.
+        tension_out: (n,) tensions [N], inside the limits.
+        residual_out: (6,) A @ tension_out - wrench.
+
+    Returns:
+        Status as `solve_prepared`.
+    """
+    if not _plain_at_pose(work, position, rotation, wrench, tension_out):
+        return solve_prepared(work, wrench, tension_out, residual_out)
+    structure = at_structure(8)
+    for row in range(6):
+        total = -wrench[row]
+        for i in range(8):
+            total += work[structure + 8 * row + i] * tension_out[i]
+        residual_out[row] = total
+    return FEASIBLE
+
+
+@compiled
 def solve_pose_batch(
     work: FloatArray,
-    base_points: FloatArray,
-    platform_points: FloatArray,
     positions: FloatArray,
     rotations: FloatArray,
     wrenches: FloatArray,
-    tension_min: FloatArray,
-    tension_max: FloatArray,
-    weights: FloatArray,
     tensions: FloatArray,
     status: IntArray,
 ) -> None:
     """One wrench at each of many poses, structure matrices included.
 
     Args:
-        work: (work_size(n),) work array, overwritten; no pose is ready in it afterwards.
-        base_points: (n, 3) A_i, base frame [m].
-        platform_points: (n, 3) b_i, platform frame [m].
+        work: (rig_work_size(n),) work array of a rig, as for `solve_at_pose`.
         positions: (k, 3) platform origins, base frame [m].
         rotations: (k, 3, 3) from platform to base axes.
         wrenches: (k, 6) [N], [N m], base axes.
-        tension_min: (n,) [N].
-        tension_max: (n,) [N].
-        weights: (6,) of the nearest wrench.
         tensions: (k, n) [N], filled.
         status: (k,) integers, filled.
     """
-    n = base_points.shape[0]
-    work[CABLES] = n
-    A = work[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
+    n = int(work[CABLES])
     residual = work[at_vector(n, _DETECT_RESIDUAL) : at_vector(n, _DETECT_RESIDUAL) + 6]
     for k in range(wrenches.shape[0]):
-        structure_matrix_into(base_points, platform_points, positions[k], rotations[k], A)
-        if n == 8 and solve_pose_eight(work, tension_min, tension_max, wrenches[k], tensions[k]):
+        if _plain_at_pose(work, positions[k], rotations[k], wrenches[k], tensions[k]):
             status[k] = FEASIBLE
-            continue
-        prepare_pose(A, tension_min, tension_max, weights, work)
-        status[k] = solve_prepared(work, wrenches[k], tensions[k], residual)
+        else:
+            status[k] = solve_prepared(work, wrenches[k], tensions[k], residual)

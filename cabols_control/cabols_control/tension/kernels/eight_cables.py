@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numba import njit
 
-from cabols_control.tension.solution import FloatArray
+from cabols_control.checks import FloatArray
 
 from .plane import PARALLEL, VIOLATION
 from .static_size import compiled

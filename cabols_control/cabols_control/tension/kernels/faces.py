@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from cabols_control.tension.solution import FloatArray
+from cabols_control.checks import FloatArray
 
 from .basis import complete_basis, orthonormal_rows
 from .general import least_norm

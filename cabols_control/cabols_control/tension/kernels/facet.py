@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from cabols_control.tension.solution import FloatArray, Six
+from cabols_control.checks import FloatArray
 
 from .plane import PARALLEL, pseudo_inverse_tension
 from .static_size import Size, cables, compiled
-from .work_array import CONFLICT, CONFLICT_SIDE, SCALE, at_basis, at_inverse, at_limits, at_vector
+from .work_array import (
+    CONFLICT,
+    CONFLICT_SIDE,
+    SCALE,
+    Six,
+    at_basis,
+    at_inverse,
+    at_limits,
+    at_vector,
+)
 
 KEEPS = 1e-13
 """Times the largest limit: free tensions may leave the limits by this before they are clipped."""

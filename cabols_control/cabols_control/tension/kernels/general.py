@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from cabols_control.tension.solution import FloatArray
+from cabols_control.checks import FloatArray
 
 from .static_size import compiled
 from .work_array import ITERATIONS, SCALE, TOLERANCE, at_factor, at_limits, at_triangle, at_vector

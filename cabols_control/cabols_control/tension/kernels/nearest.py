@@ -18,7 +18,7 @@ the nearest wrench has several tensions, the least norm among them (faces.py).
 
 from __future__ import annotations
 
-from cabols_control.tension.solution import FloatArray, Six
+from cabols_control.checks import FloatArray
 
 from .basis import fill_gram
 from .faces import PINNED
@@ -31,6 +31,7 @@ from .work_array import (
     READY,
     SCALE,
     STATE,
+    Six,
     at_factor,
     at_gram,
     at_limits,

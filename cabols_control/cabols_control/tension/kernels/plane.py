@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 
-from cabols_control.tension.solution import FloatArray, Six
+from cabols_control.checks import FloatArray
 
 from .static_size import Size, cables, compiled
 from .work_array import (
@@ -25,6 +25,7 @@ from .work_array import (
     ITERATIONS,
     SCALE,
     TOLERANCE,
+    Six,
     at_basis,
     at_inverse,
     at_limits,

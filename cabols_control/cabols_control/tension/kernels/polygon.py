@@ -7,7 +7,7 @@ and Hodgman 1974). Points lie in the caller's scratch as x, y pairs.
 
 from __future__ import annotations
 
-from cabols_control.tension.solution import FloatArray
+from cabols_control.checks import FloatArray
 
 from .static_size import compiled
 from .work_array import SCALE, at_basis, at_limits

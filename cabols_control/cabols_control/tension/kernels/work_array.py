@@ -9,6 +9,16 @@ from __future__ import annotations
 
 from .static_size import compiled
 
+Six = tuple[float, float, float, float, float, float]
+
+# Status of a wrench.
+FEASIBLE = 0
+"""The wrench is reached inside the limits, with the least 2-norm of the tensions."""
+INFEASIBLE = 1
+"""No tension inside the limits gives the wrench; the nearest wrench's are returned."""
+INVALID = 2
+"""Something is not finite (or min > max); `tension_min` is returned as the safe answer."""
+
 HEADER = 16
 # Slots of the header.
 CABLES = 0
@@ -109,3 +119,9 @@ def at_face(n: int) -> int:
 def work_size(n: int) -> int:
     """Length of the work array for n cables."""
     return at_face(n) + n * n + 6 * n + 36
+
+
+@compiled
+def rig_work_size(n: int) -> int:
+    """Length of a rig's work array: its (n, 3) base and (n, 3) platform points come last."""
+    return work_size(n) + 6 * n

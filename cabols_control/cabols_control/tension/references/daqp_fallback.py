@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
-from cabols_control.tension.solution import FloatArray
 
 _SOLVED = 1
 _TIGHT = 1e-7

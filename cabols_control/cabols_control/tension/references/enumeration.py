@@ -14,7 +14,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from cabols_control.tension.solution import FloatArray
+from cabols_control.checks import FloatArray
 
 LIMIT_TOLERANCE = 1e-9
 """Times the largest limit: how far limits, multipliers and the balance may be missed."""
