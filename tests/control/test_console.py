@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.configuration import load_config
 from cabols_control.console.access import COOKIE, AccessPolicy, Lease, Request, is_loopback
-from cabols_control.console.dispatcher import ALIVE_S, Answer, Desk, Settings
+from cabols_control.console.dispatcher import ALIVE_S, Answer, Dispatcher, Settings
 from cabols_control.console.foxglove_link import (
     LIVE_SCHEMA,
     LIVE_TOPIC,
@@ -25,8 +25,8 @@ from cabols_control.console.foxglove_link import (
     live_message,
     scene_update,
 )
-from cabols_control.console.latest import EVENTS, FAULT, INFO, Mailbox
-from cabols_control.console.middleware import Gate
+from cabols_control.console.latest import EVENTS, FAULT, INFO, LatestValues
+from cabols_control.console.middleware import AccessMiddleware
 from cabols_control.console.preview import preview_svg
 from cabols_control.console.reports import finished, report_file
 from cabols_control.console.scene import joint_points, load_scene, scene_numbers
@@ -152,7 +152,7 @@ def through_gate(policy, kind="http", path="/", method="GET", headers=(), body=(
         "query_string": query,
         "headers": [(b"host", b"127.0.0.1:8080"), *headers],
     }
-    asyncio.run(Gate(reached, policy, 1000)(scope, receive, send))
+    asyncio.run(AccessMiddleware(reached, policy, 1000)(scope, receive, send))
     return sent
 
 
@@ -216,56 +216,59 @@ class FakeRig:
 
 
 @pytest.fixture
-def desk(tmp_path):
+def dispatcher(tmp_path):
     settings = Settings("test", tmp_path, tmp_path, 3, {}, 8)
-    found = Desk(FakeRig(), Mailbox(), settings)
+    found = Dispatcher(FakeRig(), LatestValues(), settings)
     found.now = 100.0
     found._clock = lambda: found.now
     return found
 
 
-def test_one_operator_others_watch_all_may_stop(desk):
-    first, second = desk.open("one", "browser a", "x"), desk.open("two", "browser b", "y")
-    call = lambda page, what, **f: asyncio.run(desk.call(page, what, **f))  # noqa: E731
+def test_one_operator_others_watch_all_may_stop(dispatcher):
+    first = dispatcher.open("one", "browser a", "x")
+    second = dispatcher.open("two", "browser b", "y")
+    call = lambda page, what, **f: asyncio.run(dispatcher.call(page, what, **f))  # noqa: E731
     assert "take command" in call("one", "set_mode", mode=1).message
-    assert desk.take("one").success
-    assert first.name in desk.take("two").message
+    assert dispatcher.take("one").success
+    assert first.name in dispatcher.take("two").message
     assert call("one", "set_mode", mode=1).success
     assert not call("two", "set_mode", mode=1).success
-    assert not asyncio.run(desk.start("two", "run_program", program="ramps", scale=1.0)).success
-    assert not asyncio.run(desk.cancel("two", "run_program")).success
+    refused = asyncio.run(dispatcher.start("two", "run_program", program="ramps", scale=1.0))
+    assert not refused.success
+    assert not asyncio.run(dispatcher.cancel("two", "run_program")).success
     assert call("two", "emergency_stop").success
-    assert [what for what, _ in desk.rig.asked] == ["set_mode", "emergency_stop"]
-    assert not desk.release("two").success
-    assert desk.release("one").success
-    assert desk.take("two").success
-    assert second.name in desk.lease.refusal("one")
+    assert [what for what, _ in dispatcher.rig.asked] == ["set_mode", "emergency_stop"]
+    assert not dispatcher.release("two").success
+    assert dispatcher.release("one").success
+    assert dispatcher.take("two").success
+    assert second.name in dispatcher.lease.refusal("one")
 
 
-def test_a_page_that_does_not_answer_loses_command(desk):
-    desk.open("one", "browser a", "x")
-    desk.take("one")
-    assert desk.lease.attended
-    other = desk.open("two", "browser b", "y")
-    desk.now += 1.01 * ALIVE_S
-    assert not desk.lease.attended
-    desk.heard(other)
-    assert desk.lease.holder.page == "one", "another browser's page must ask"
-    assert desk.take("two").success
+def test_a_page_that_does_not_answer_loses_command(dispatcher):
+    dispatcher.open("one", "browser a", "x")
+    dispatcher.take("one")
+    assert dispatcher.lease.attended
+    other = dispatcher.open("two", "browser b", "y")
+    dispatcher.now += 1.01 * ALIVE_S
+    assert not dispatcher.lease.attended
+    dispatcher.heard(other)
+    assert dispatcher.lease.holder.page == "one", "another browser's page must ask"
+    assert dispatcher.take("two").success
 
 
-def test_a_page_that_is_loaded_again_stays_in_command(desk):
-    old, beside, again = (desk.open(name, "browser a", "x") for name in ("one", "two", "three"))
+def test_a_page_that_is_loaded_again_stays_in_command(dispatcher):
+    pages = (dispatcher.open(name, "browser a", "x") for name in ("one", "two", "three"))
+    old, beside, again = pages
     old.tab, beside.tab, again.tab = "left", "right", "left"
-    desk.take("one")
-    desk.heard(again)
-    assert desk.lease.holder.page == "one", "the old page still answers"
-    desk.lost(old)
-    desk.heard(beside)
-    assert desk.lease.holder.page == "one", "another tab is another seat"
-    desk.heard(again)
-    assert desk.lease.holder.page == "three"
-    assert desk.lease.attended
+    dispatcher.take("one")
+    dispatcher.heard(again)
+    assert dispatcher.lease.holder.page == "one", "the old page still answers"
+    dispatcher.lost(old)
+    dispatcher.heard(beside)
+    assert dispatcher.lease.holder.page == "one", "another tab has another identity"
+    dispatcher.heard(again)
+    assert dispatcher.lease.holder.page == "three"
+    assert dispatcher.lease.attended
 
 
 def test_lease_is_nobodys_at_first():
@@ -425,8 +428,8 @@ def test_sensor_range_counts_in_the_platforms_axes(rig):
 # --- what is shown ---
 
 
-def test_mailbox_serves_many_threads_and_forgets_the_oldest():
-    box = Mailbox()
+def test_latest_values_serve_many_threads_and_forget_the_oldest():
+    box = LatestValues()
     news = []
     box.on_news = lambda: news.append(box.frame()[0])
     threads = [

@@ -29,7 +29,7 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(frozen=True)
 class Request:
-    """What the gate needs to know of a request.
+    """What the middleware needs to know of a request.
 
     Attributes:
         method: of HTTP; "GET" for a WebSocket's handshake.
@@ -125,12 +125,12 @@ class Holder:
 
     Attributes:
         page: its id.
-        seat: its browser's and tab's id; the same for a page that was loaded again.
+        identity: its browser's and tab's id; the same for a page that was loaded again.
         name: shown to the others.
     """
 
     page: str
-    seat: str
+    identity: str
     name: str
 
 
@@ -147,20 +147,20 @@ class Lease:
         """Whether a page is in command and answers."""
         return self.holder is not None and self._alive(self.holder.page)
 
-    def take(self, page: str, seat: str, name: str) -> str:
+    def take(self, page: str, identity: str, name: str) -> str:
         """Take command; returns why not, empty if it was granted."""
         holder = self.holder
         if holder is not None and holder.page != page and self._alive(holder.page):
             return f"{holder.name} is in command: let them release it first"
-        self.holder = Holder(page, seat, name)
+        self.holder = Holder(page, identity, name)
         return ""
 
-    def adopt(self, page: str, seat: str, name: str) -> bool:
+    def adopt(self, page: str, identity: str, name: str) -> bool:
         """Give command to a page that replaces the lost one in the same tab: loaded again."""
         holder = self.holder
-        if holder is None or holder.seat != seat or self._alive(holder.page):
+        if holder is None or holder.identity != identity or self._alive(holder.page):
             return False
-        self.holder = Holder(page, seat, name)
+        self.holder = Holder(page, identity, name)
         return True
 
     def release(self, page: str) -> bool:

@@ -71,14 +71,14 @@ class CampaignPanel:
         await self._own.start(
             ACTION,
             campaign=str(self._file.value or ""),
-            folder=str((self._own.desk.settings.campaigns / name).resolve()),
+            folder=str((self._own.dispatcher.settings.campaigns / name).resolve()),
             accuracy=float(self._accuracy.value or 0.0) / 100.0,
         )
 
     def _look(self) -> None:
         """Look for finished reports."""
         rows = []
-        for report in finished(self._own.desk.settings.campaigns):
+        for report in finished(self._own.dispatcher.settings.campaigns):
             when = datetime.fromtimestamp(report.changed_s)  # noqa: DTZ006
             address = f"/reports/{quote(report.name)}/{REPORT}"
             rows.append(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from cabols_control.console.access import Lease
-from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, Mailbox
+from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, LatestValues
 from cabols_control.naming import configuration_name, limb_name, reflector_name
 from cabols_control.supervision.modes import OperatingMode
 
@@ -72,8 +72,8 @@ class Viewer:
     tab: str = ""
 
     @property
-    def seat(self) -> str:
-        """Browser and tab: who sits there."""
+    def identity(self) -> str:
+        """Browser and tab that the page belongs to; the same after it was loaded again."""
         return f"{self.session} {self.tab}"
 
     sent: int = 0
@@ -101,13 +101,13 @@ class Settings:
     cables: int
 
 
-class Desk:
+class Dispatcher:
     """Commands of all pages go through here; each is judged, carried out and logged."""
 
-    def __init__(self, rig: Rig, mailbox: Mailbox, settings: Settings) -> None:
-        """Open the desk; nobody is in command."""
+    def __init__(self, rig: Rig, latest: LatestValues, settings: Settings) -> None:
+        """Start without an operator."""
         self.rig = rig
-        self.mailbox = mailbox
+        self.latest = latest
         self.settings = settings
         self.viewers: dict[str, Viewer] = {}
         self.lease = Lease(self.alive)
@@ -147,7 +147,7 @@ class Desk:
         viewer = self.viewers.get(page)
         if viewer is None:
             return Answer(False, "this page is not known any more: load it again")
-        refusal = self.lease.take(page, viewer.seat, viewer.name)
+        refusal = self.lease.take(page, viewer.identity, viewer.name)
         if refusal:
             return Answer(False, refusal)
         self._tell_operator(f"{viewer.name} has taken command")
@@ -155,7 +155,7 @@ class Desk:
 
     def adopt(self, viewer: Viewer) -> None:
         """Give command to a page that replaces its browser's lost one."""
-        if self.lease.adopt(viewer.page, viewer.seat, viewer.name):
+        if self.lease.adopt(viewer.page, viewer.identity, viewer.name):
             self._tell_operator(f"{viewer.name} goes on in command")
 
     def release(self, page: str) -> Answer:
@@ -170,7 +170,7 @@ class Desk:
         """Tell all pages who is in command."""
         holder = self.lease.holder
         attended = self.lease.attended
-        self.mailbox.put_state(
+        self.latest.put_state(
             operator={
                 "name": "" if holder is None else holder.name,
                 "mark": "" if holder is None else mark_of(holder.page),
@@ -210,11 +210,11 @@ class Desk:
         level = NOTICE if answer.success else WARNING
         if what == "emergency_stop":
             level = FAULT
-        self.mailbox.tell(level, "console", f"{asked}: {answer.message}")
+        self.latest.tell(level, "console", f"{asked}: {answer.message}")
         return answer
 
     def _tell_operator(self, text: str) -> None:
-        self.mailbox.tell(INFO, "console", text)
+        self.latest.tell(INFO, "console", text)
         self.publish_operator()
 
 

@@ -37,7 +37,7 @@ class Event:
         return [self.number, round(self.time_s, 2), self.level, self.source, self.text]
 
 
-class Mailbox:
+class LatestValues:
     """Newest frame, state and events; every method may be called from any thread.
 
     What is written here waits for nobody: a page that does not read misses frames, no more.

@@ -25,7 +25,7 @@ class LoadPanel:
         """Build."""
         self._own = own
         self._feasible = False
-        choices = program_choices(own.desk.settings.uploads)
+        choices = program_choices(own.dispatcher.settings.uploads)
         with ui.row().classes("items-center no-wrap full-width"):
             self._program = (
                 ui.select(choices, value="ramps", label="Load programme", on_change=self._changed)
@@ -73,7 +73,7 @@ class LoadPanel:
 
     async def _do_check(self) -> None:
         program, scale = str(self._program.value), self._scale_value()
-        answer = await self._own.desk.look("check_program", program=program, scale=scale)
+        answer = await self._own.dispatcher.look("check_program", program=program, scale=scale)
         if (program, scale) != (str(self._program.value), self._scale_value()):
             return  # meanwhile another was chosen
         if not answer.success:
@@ -88,7 +88,7 @@ class LoadPanel:
         self._feasible = feasible
         self._verdict.content = escape(text)
         self._verdict.props(f"data-level={level or 'none'}")
-        version, state = self._own.desk.mailbox.state()
+        version, state = self._own.dispatcher.latest.state()
         del version
         self.refresh(state, self._own.in_command)
 
@@ -101,28 +101,30 @@ class LoadPanel:
         )
 
     async def _uploaded(self, event: events.UploadEventArguments) -> None:
-        desk = self._own.desk
-        refusal = desk.lease.refusal(self._own.page)
+        dispatcher = self._own.dispatcher
+        refusal = dispatcher.lease.refusal(self._own.page)
         try:
             if refusal:
                 raise CabolsError(refusal)
-            kept = keep_upload(desk.settings.uploads, event.file.name, await event.file.read())
+            content = await event.file.read()
+            kept = keep_upload(dispatcher.settings.uploads, event.file.name, content)
         except CabolsError as error:
             self._refused(str(error))
             return
         finally:
             self._upload.reset()
-        desk.mailbox.tell(
+        dispatcher.latest.tell(
             NOTICE, "console", f"uploaded {kept.path.name}: {kept.program.duration:g} s"
         )
-        self._program.set_options(program_choices(desk.settings.uploads), value=str(kept.path))
+        choices = program_choices(dispatcher.settings.uploads)
+        self._program.set_options(choices, value=str(kept.path))
 
     def _rejected(self) -> None:
         self._upload.reset()
         self._refused(f"expected one .csv file of at most {UPLOAD_BYTES} bytes")
 
     def _refused(self, reason: str) -> None:
-        self._own.desk.mailbox.tell(WARNING, "console", f"upload refused: {reason}")
+        self._own.dispatcher.latest.tell(WARNING, "console", f"upload refused: {reason}")
         self._judge(self._feasible, "fault", f"Upload refused: {reason}")
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:

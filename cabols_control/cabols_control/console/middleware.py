@@ -1,4 +1,4 @@
-"""The gate before the console's server: token, origin and size of every request, as ASGI."""
+"""Access middleware of the console's server: token, origin and size of every request, as ASGI."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class TooLargeError(Exception):
     """A request's body is longer than allowed."""
 
 
-class Gate:
+class AccessMiddleware:
     """Lets a request through to the application, or answers it itself."""
 
     def __init__(self, app: App, policy: AccessPolicy, body_bytes: int) -> None:

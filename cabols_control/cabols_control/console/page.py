@@ -10,7 +10,7 @@ from fastapi import Request
 from nicegui import app, context, ui
 
 from cabols_control.console.campaign_panel import CampaignPanel
-from cabols_control.console.dispatcher import Desk, mark_of
+from cabols_control.console.dispatcher import Dispatcher, mark_of
 from cabols_control.console.live_view import (
     health_html,
     limbs_html,
@@ -25,7 +25,7 @@ from cabols_control.console.rig_panels import LimbPanel, ModePanel, RobotPanel
 REFRESH_S = 0.4
 
 
-def build_page(desk: Desk) -> None:
+def build_page(dispatcher: Dispatcher) -> None:
     """Register the page; every visitor gets one of their own."""
     # The scene's bundle of three.js is on the page's import map once its package is imported.
     import nicegui.elements.scene  # noqa: F401
@@ -33,15 +33,15 @@ def build_page(desk: Desk) -> None:
     @ui.page("/")
     def index(request: Request) -> None:
         address = request.client.host if request.client else "?"
-        viewer = desk.open(context.client.id, str(app.storage.browser["id"]), address)
-        _Page(desk, PageContext(desk, viewer.page)).build()
+        viewer = dispatcher.open(context.client.id, str(app.storage.browser["id"]), address)
+        _Page(dispatcher, PageContext(dispatcher, viewer.page)).build()
 
 
 class _Page:
     """Builds one page and keeps it fresh."""
 
-    def __init__(self, desk: Desk, own: PageContext) -> None:
-        self._desk = desk
+    def __init__(self, dispatcher: Dispatcher, own: PageContext) -> None:
+        self._dispatcher = dispatcher
         self._own = own
         self._version = -1
         self._commanding: bool | None = None
@@ -52,7 +52,7 @@ class _Page:
         settings = {
             "page": self._own.page,
             "mark": mark_of(self._own.page),
-            "scene": self._desk.settings.scene,
+            "scene": self._dispatcher.settings.scene,
         }
         # "<" would end the script early if a string held "</script>".
         text = json.dumps(settings).replace("<", "\\u003c")
@@ -66,7 +66,8 @@ class _Page:
                 self._operate()
             with ui.element("div").classes("column middle"):
                 ui.html(view_html(), sanitize=False).classes("card")
-                ui.html(limbs_html(self._desk.settings.cables), sanitize=False).classes("card")
+                limbs = limbs_html(self._dispatcher.settings.cables)
+                ui.html(limbs, sanitize=False).classes("card")
                 ui.html(log_html(), sanitize=False).classes("card")
             with ui.element("div").classes("column"):
                 ui.html(wrench_html(), sanitize=False).classes("card")
@@ -81,7 +82,8 @@ class _Page:
                 'now">EMERGENCY<br>STOP</button>',
                 sanitize=False,
             ).classes("estop")
-            ui.html(f"<span>{self._desk.settings.title}</span>", sanitize=False).classes("brand")
+            title = f"<span>{self._dispatcher.settings.title}</span>"
+            ui.html(title, sanitize=False).classes("brand")
             ui.html(
                 '<div class="mode" role="status" aria-live="polite"><span id="mode-chip" '
                 'class="mode-chip" data-mode="">&hellip; No mode</span>'
@@ -112,13 +114,13 @@ class _Page:
                         self._panels.append(kind(own).refresh)
 
     def _toggle_command(self) -> None:
-        desk, page = self._desk, self._own.page
-        answer = desk.release(page) if self._own.in_command else desk.take(page)
+        dispatcher, page = self._dispatcher, self._own.page
+        answer = dispatcher.release(page) if self._own.in_command else dispatcher.take(page)
         self._own.show(answer)
         self._refresh()
 
     def _refresh(self) -> None:
-        version, state = self._desk.mailbox.state()
+        version, state = self._dispatcher.latest.state()
         commanding = self._own.in_command
         if (version, commanding) == (self._version, self._commanding):
             return

@@ -7,21 +7,21 @@ from typing import Any
 
 from nicegui import ui
 
-from cabols_control.console.dispatcher import Answer, Desk
+from cabols_control.console.dispatcher import Answer, Dispatcher
 
 
 class PageContext:
-    """One open page: its id, and how its handlers reach the desk."""
+    """One open page: its id, and how its handlers reach the dispatcher."""
 
-    def __init__(self, desk: Desk, page: str) -> None:
-        """Belong to a desk."""
-        self.desk = desk
+    def __init__(self, dispatcher: Dispatcher, page: str) -> None:
+        """Bind a page to the dispatcher."""
+        self.dispatcher = dispatcher
         self.page = page
 
     @property
     def in_command(self) -> bool:
         """Whether this page may command."""
-        return not self.desk.lease.refusal(self.page)
+        return not self.dispatcher.lease.refusal(self.page)
 
     async def do(self, asked: Awaitable[Answer]) -> Answer:
         """Await an answer and show it."""
@@ -42,12 +42,12 @@ class PageContext:
 
     async def call(self, service: str, **fields: Any) -> Answer:
         """Call a service and show the answer."""
-        return await self.do(self.desk.call(self.page, service, **fields))
+        return await self.do(self.dispatcher.call(self.page, service, **fields))
 
     async def start(self, action: str, **fields: Any) -> Answer:
         """Start an action and show the answer."""
-        return await self.do(self.desk.start(self.page, action, **fields))
+        return await self.do(self.dispatcher.start(self.page, action, **fields))
 
     async def cancel(self, action: str) -> Answer:
         """Cancel an action and show the answer."""
-        return await self.do(self.desk.cancel(self.page, action))
+        return await self.do(self.dispatcher.cancel(self.page, action))

@@ -105,8 +105,8 @@ class RobotPanel:
     def __init__(self, own: PageContext) -> None:
         """Build."""
         self._own = own
-        count = own.desk.settings.configurations
-        reflectors = len(own.desk.settings.scene["reflectors"])
+        count = own.dispatcher.settings.configurations
+        reflectors = len(own.dispatcher.settings.scene["reflectors"])
         places = {i: configuration_name(i).capitalize() for i in range(count)}
         self._index, self._move = chooser(
             places, "Stored configuration", "Move", self._do_move, "move"
@@ -148,7 +148,7 @@ class LimbPanel:
     def __init__(self, own: PageContext) -> None:
         """Build."""
         self._own = own
-        cables = own.desk.settings.cables
+        cables = own.dispatcher.settings.cables
         self._limb = (
             ui.select({i: limb_name(i).capitalize() for i in range(cables)}, value=0, label="Limb")
             .props("dense outlined options-dense")
@@ -172,7 +172,8 @@ class LimbPanel:
 
     async def _do_start(self) -> None:
         if not (self._step.value or self._ramp.value):
-            self._own.desk.mailbox.tell(WARNING, "console", "commissioning: choose step or ramp")
+            refusal = "commissioning: choose step or ramp"
+            self._own.dispatcher.latest.tell(WARNING, "console", refusal)
         await self._own.start(
             "commission_limb",
             limb=int(self._limb.value),

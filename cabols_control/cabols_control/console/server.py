@@ -1,4 +1,4 @@
-"""The console's web server: the gate, the wire to the pages, the page itself."""
+"""The console's web server: the middleware, the wire to the pages, the page itself."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from fastapi.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 
 from cabols_control.console.access import AccessPolicy
-from cabols_control.console.dispatcher import Desk, Viewer
-from cabols_control.console.middleware import Gate
+from cabols_control.console.dispatcher import Dispatcher, Viewer
+from cabols_control.console.middleware import AccessMiddleware
 from cabols_control.console.reports import report_file
 from cabols_control.console.uploads import UPLOAD_BYTES
 from cabols_control.errors import ConfigError
@@ -59,23 +59,27 @@ class ConsoleServer:
     """Serves until it is told to stop; run() belongs into a thread of its own."""
 
     def __init__(
-        self, desk: Desk, policy: AccessPolicy, where: socket.socket, tls: tuple[str, str] | None
+        self,
+        dispatcher: Dispatcher,
+        policy: AccessPolicy,
+        where: socket.socket,
+        tls: tuple[str, str] | None,
     ) -> None:
         """Prepare.
 
         Args:
-            desk: shared by all pages.
-            policy: of the gate.
+            dispatcher: shared by all pages.
+            policy: of access.
             where: bound socket.
             tls: paths of certificate and key; None: plain HTTP.
         """
-        self._desk = desk
+        self._dispatcher = dispatcher
         self._socket = where
         self._loop: asyncio.AbstractEventLoop | None = None
         self._wakers: set[asyncio.Event] = set()
         application = self._application()
         config = uvicorn.Config(
-            Gate(application, policy, BODY_BYTES),
+            AccessMiddleware(application, policy, BODY_BYTES),
             log_level="warning",
             access_log=False,
             ws_max_size=1_000_000,
@@ -104,16 +108,16 @@ class ConsoleServer:
         @contextlib.asynccontextmanager
         async def lifespan(_: FastAPI) -> Any:
             self._loop = asyncio.get_running_loop()
-            self._desk.mailbox.on_news = self._on_news
+            self._dispatcher.latest.on_news = self._on_news
             yield
-            self._desk.mailbox.on_news = lambda: None
+            self._dispatcher.latest.on_news = lambda: None
 
         application = FastAPI(lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
         application.mount("/console", StaticFiles(directory=STATIC))
         application.add_api_websocket_route("/live", self._live)
         application.add_api_route("/api/emergency_stop", self._stop_rig, methods=["POST"])
         application.add_api_route("/reports/{name:path}", self._report, methods=["GET"])
-        build_page(self._desk)
+        build_page(self._dispatcher)
         ui.run_with(
             application,
             title="cabols console",
@@ -129,12 +133,12 @@ class ConsoleServer:
 
     async def _stop_rig(self) -> dict[str, Any]:
         """Emergency stop, for every page, in command or not."""
-        answer = await self._desk.call("", "emergency_stop")
+        answer = await self._dispatcher.call("", "emergency_stop")
         return {"success": answer.success, "message": answer.message}
 
     async def _report(self, name: str) -> FileResponse:
         """A file of a finished campaign."""
-        path = report_file(self._desk.settings.campaigns, name)
+        path = report_file(self._dispatcher.settings.campaigns, name)
         if path is None:
             raise HTTPException(404, "no such report")
         return FileResponse(path)
@@ -155,7 +159,7 @@ class ConsoleServer:
 
     async def _live(self, wire: WebSocket) -> None:
         """Serve one page's WebSocket."""
-        viewer = self._desk.viewers.get(wire.query_params.get("page", ""))
+        viewer = self._dispatcher.viewers.get(wire.query_params.get("page", ""))
         await wire.accept()
         if viewer is None:
             await wire.close(UNKNOWN_PAGE)
@@ -166,7 +170,7 @@ class ConsoleServer:
         waker = asyncio.Event()
         self._wakers.add(waker)
         viewer.tab = wire.query_params.get("tab", "")[:64]
-        viewer.sent = viewer.acked = self._desk.mailbox.frame()[0]
+        viewer.sent = viewer.acked = self._dispatcher.latest.frame()[0]
         hearing = asyncio.create_task(self._hear(wire, viewer))
         try:
             await self._tell(wire, viewer, waker, hearing)
@@ -175,7 +179,7 @@ class ConsoleServer:
         finally:
             self._wakers.discard(waker)
             hearing.cancel()
-            self._desk.lost(viewer)
+            self._dispatcher.lost(viewer)
 
     async def _hear(self, wire: WebSocket, viewer: Viewer) -> None:
         """Take a page's acknowledgements."""
@@ -186,12 +190,12 @@ class ConsoleServer:
                 told = json.loads(await wire.receive_text())
                 # A page that answers before its first frame tells 0, which takes nothing back.
                 viewer.acked = max(viewer.acked, min(int(told["a"]), viewer.sent))
-                self._desk.heard(viewer)
+                self._dispatcher.heard(viewer)
 
     async def _tell(
         self, wire: WebSocket, viewer: Viewer, waker: asyncio.Event, hearing: asyncio.Task[None]
     ) -> None:
-        mailbox = self._desk.mailbox
+        latest = self._dispatcher.latest
         version, number, pinged_s = -1, 0, 0.0
         loop = asyncio.get_running_loop()
         while not hearing.done() and not self._server.should_exit:
@@ -204,16 +208,16 @@ class ConsoleServer:
                 await wire.send_text('{"k":"p"}')
             if behind:
                 continue
-            newest, state = mailbox.state_text()
+            newest, state = latest.state_text()
             if newest != version:
                 version = newest
                 await wire.send_text(state)
-            events = mailbox.events_after(number)
+            events = latest.events_after(number)
             if events:
                 number = events[-1].number
                 rows = [event.row() for event in events]
                 await wire.send_text(json.dumps({"k": "l", "events": rows}))
-            count, frame = mailbox.frame()
+            count, frame = latest.frame()
             if count > viewer.sent:
                 viewer.sent = count
                 await wire.send_text(frame)

@@ -94,7 +94,7 @@ def rig_shapes(rig: Rig, scene: SceneConfig, frame: dict[str, Any]) -> list[Shap
     Args:
         rig: geometry and limits.
         scene: robot and reflectors.
-        frame: as the console's mailbox gets it; what is missing is not drawn.
+        frame: newest values, as LatestValues holds them; what is missing is not drawn.
     """
     geometry = rig.geometry
     pose = frame.get("P")

@@ -11,9 +11,9 @@ from pathlib import Path
 from cabols_msgs.msg import Attendance
 
 from cabols_control.console.access import AccessPolicy
-from cabols_control.console.dispatcher import Desk, Settings
+from cabols_control.console.dispatcher import Dispatcher, Settings
 from cabols_control.console.foxglove_link import FoxgloveLink
-from cabols_control.console.latest import Mailbox
+from cabols_control.console.latest import LatestValues
 from cabols_control.console.scene import SceneConfig, load_scene, scene_numbers
 from cabols_control.console.server import ConsoleServer, open_socket
 from cabols_control.errors import ConfigError
@@ -46,13 +46,13 @@ class ConsoleNode(ControlNode):
         port = declare(self, "port", 8080, "TCP port; 0: any free one", (0, 65535))
         policy = AccessPolicy(host, self._read_token())
         tls = self._declare_tls()
-        self.mailbox = Mailbox()
-        self._calls = Calls(self, self.mailbox)
-        self.desk = Desk(self._calls, self.mailbox, self._settings())
-        self._feed = Feed(self, self.rig, self.mailbox)
+        self.latest = LatestValues()
+        self._calls = Calls(self, self.latest)
+        self.dispatcher = Dispatcher(self._calls, self.latest, self._settings())
+        self._feed = Feed(self, self.rig, self.latest)
         where = open_socket(host, port)
         self.address = (host, int(where.getsockname()[1]))
-        self._server = ConsoleServer(self.desk, policy, where, tls)
+        self._server = ConsoleServer(self.dispatcher, policy, where, tls)
         self._scheme = "http" if tls is None else "https"
         self._attendance = self.create_publisher(Attendance, "attendance", topic_qos("attendance"))
         self._ticker = Ticker(self.context, PERIOD_S, self._tick)
@@ -166,12 +166,12 @@ class ConsoleNode(ControlNode):
 
     def _beat(self) -> None:
         """Tell whether an operator's page answers; a console that dies tells nothing any more."""
-        self.desk.publish_operator()
-        holder = self.desk.lease.holder
+        self.dispatcher.publish_operator()
+        holder = self.dispatcher.lease.holder
         message = Attendance(
             source=self.get_name(),
             who="" if holder is None else holder.name,
-            attended=self.desk.lease.attended,
+            attended=self.dispatcher.lease.attended,
         )
         message.header.stamp = self.get_clock().now().to_msg()
         self._attendance.publish(message)

@@ -8,7 +8,7 @@ from typing import Any
 
 from visualization_msgs.msg import Marker, MarkerArray
 
-from cabols_control.console.latest import Mailbox
+from cabols_control.console.latest import LatestValues
 from cabols_control.console.scene import load_scene
 from cabols_control.console.shapes import CYLINDER, Shape, rig_shapes
 from cabols_control.ros.console_feed import Feed
@@ -29,7 +29,7 @@ class MarkersNode(ControlNode):
         self._scene = load_scene(
             declare(self, "scene_file", "", "YAML of what is drawn; empty: bench")
         )
-        self._feed = Feed(self, self.rig, Mailbox())
+        self._feed = Feed(self, self.rig, LatestValues())
         self._publisher = self.create_publisher(MarkerArray, "markers", topic_qos("markers"))
         self._ticker = Ticker(self.context, PERIOD_S, self._tick)
 

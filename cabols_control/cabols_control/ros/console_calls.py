@@ -21,7 +21,7 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from cabols_control.console.dispatcher import Answer
-from cabols_control.console.latest import NOTICE, WARNING, Mailbox
+from cabols_control.console.latest import NOTICE, WARNING, LatestValues
 from cabols_control.ros.executor_thread import hand_over
 
 ANSWER_S = 5.0
@@ -52,10 +52,10 @@ class Calls:
     Their answers arrive in the node's executor; they are handed over to the loop that asked.
     """
 
-    def __init__(self, node: Node, mailbox: Mailbox) -> None:
+    def __init__(self, node: Node, latest: LatestValues) -> None:
         """Make the clients; nothing is called."""
         self._node = node
-        self._mailbox = mailbox
+        self._latest = latest
         self._services = {
             key: node.create_client(kind, name) for key, (kind, name) in SERVICES.items()
         }
@@ -155,9 +155,7 @@ class Calls:
         success = bool(result.success)
         text = _RESULTS.get(action, _plain)(result)
         self._set(action, busy=False, progress=1.0 if success else 0.0, text=text)
-        self._mailbox.tell(
-            NOTICE if success else WARNING, action.replace("_", " "), text or "ended"
-        )
+        self._latest.tell(NOTICE if success else WARNING, action.replace("_", " "), text or "ended")
 
     def _hear(self, action: str, feedback: Any) -> None:
         progress, text = _FEEDBACKS[action](feedback)
@@ -165,7 +163,7 @@ class Calls:
 
     def _set(self, action: str, **parts: Any) -> None:
         self._activities[action] = {**self._activities.get(action, {}), **parts}
-        self._mailbox.put_state(activities=dict(self._activities))
+        self._latest.put_state(activities=dict(self._activities))
 
 
 def _plain(result: Any) -> str:

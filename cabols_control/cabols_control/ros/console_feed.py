@@ -15,7 +15,7 @@ from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, Mailbox
+from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, LatestValues
 from cabols_control.console.view_models import (
     LoopReport,
     Measured,
@@ -69,11 +69,11 @@ class Typed:
 
 
 class Feed:
-    """Turns what it hears into the mailbox's frame, state and events."""
+    """Turns received messages into the newest frame, the state and the events."""
 
-    def __init__(self, node: Node, rig: Rig, mailbox: Mailbox) -> None:
+    def __init__(self, node: Node, rig: Rig, latest: LatestValues) -> None:
         """Subscribe; `look` is to be called by one thread."""
-        self._mailbox = mailbox
+        self._latest = latest
         self._own = node.get_name()
         geometry = rig.geometry
 
@@ -105,7 +105,7 @@ class Feed:
         return self._state, self._wrench, self._command, self._pose
 
     def look(self) -> dict[str, Any]:
-        """Take what has come, put it into the mailbox; returns the frame."""
+        """Take what has arrived, store it as the newest values; return the frame."""
         for source in self.frame_inputs():
             source.take()
         for message in self._joints.take():
@@ -117,7 +117,7 @@ class Feed:
             self._hear_diagnostics(message)
         self._hear_rare()
         frame = self._frame()
-        self._mailbox.put_frame(frame)
+        self._latest.put_frame(frame)
         self._turns += 1
         if self._turns % STATE_EVERY == 0:
             self._tell_health()
@@ -177,8 +177,8 @@ class Feed:
             level = FAULT if mode == OperatingMode.FAULT else NOTICE
             if heard[1].startswith("unattended"):
                 level = WARNING
-            self._mailbox.tell(level, "supervisor", f"mode {mode.name}: {heard[1]}")
-            self._mailbox.put_state(mode=mode_view(*heard))
+            self._latest.tell(level, "supervisor", f"mode {mode.name}: {heard[1]}")
+            self._latest.put_state(mode=mode_view(*heard))
 
     def _hear_status(self, message: LoopStatus) -> None:
         now_s = time.monotonic()
@@ -199,9 +199,9 @@ class Feed:
         changed = before is None or (before.state, before.reason) != (report.state, report.reason)
         if changed and report.reason:
             level = FAULT if report.state == LoopStatus.FAULT else WARNING
-            self._mailbox.tell(level, message.node, report.reason)
+            self._latest.tell(level, message.node, report.reason)
         elif changed and before is not None and before.reason:
-            self._mailbox.tell(INFO, message.node, "cleared")
+            self._latest.tell(INFO, message.node, "cleared")
         self._reports[message.node] = report.after(before)
 
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
@@ -227,11 +227,11 @@ class Feed:
             if message.success:
                 p = message.position
                 text = f"{name} at {p.x:.5f}, {p.y:.5f}, {p.z:.5f} m in the tracker's frame"
-                self._mailbox.tell(NOTICE, "tracker", text)
+                self._latest.tell(NOTICE, "tracker", text)
             else:
-                self._mailbox.tell(WARNING, "tracker", f"{name}: {message.reason}")
+                self._latest.tell(WARNING, "tracker", f"{name}: {message.reason}")
         for message in self._estimates.take():
-            self._mailbox.put_state(
+            self._latest.put_state(
                 estimate=estimate_rows(
                     message.stiffness,
                     message.standard_deviation,
@@ -241,20 +241,20 @@ class Feed:
                 )
             )
         for message in self._campaigns.take():
-            self._mailbox.put_state(campaign=_campaign(message))
+            self._latest.put_state(campaign=_campaign(message))
         for message in self._recordings.take():
-            self._mailbox.put_state(recording=message.data)
+            self._latest.put_state(recording=message.data)
         for message in self._spoken.take():
             if message.level >= LOUD and not message.name.endswith(self._own):
                 level = FAULT if message.level > LOUD else WARNING
-                self._mailbox.tell(level, message.name.rpartition(".")[2], message.msg)
+                self._latest.tell(level, message.name.rpartition(".")[2], message.msg)
 
     def _tell_health(self) -> None:
         now_s = time.monotonic()
         if self._mode is None or now_s - self._mode_s > 2.0 * STALE_S:
             self._mode = None
-            self._mailbox.put_state(mode=mode_view(None, ""))
-        self._mailbox.put_state(
+            self._latest.put_state(mode=mode_view(None, ""))
+        self._latest.put_state(
             loops=loop_rows(self._reports, now_s),
             devices=device_rows(self._reports, self._beam, now_s),
         )
