@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.console.scene import SceneConfig, joint_points
 from cabols_control.rig import Rig
+from cabols_control.rotations import pose_matrix
 
 COLOURS = np.array(
     [
@@ -101,7 +101,7 @@ def rig_shapes(rig: Rig, scene: SceneConfig, frame: dict[str, Any]) -> list[Shap
     if pose is None or any(value is None for value in pose):
         position, rotation = geometry.reference_position, geometry.reference_rotation
     else:
-        position, rotation = np.array(pose[:3]), Rotation.from_quat(pose[3:]).as_matrix()
+        position, rotation = np.array(pose[:3]), pose_matrix(pose[3:])
     ends = position + geometry.platform_points @ rotation.T
     found = [ball("frame", point, 0.06, STEEL) for point in geometry.base_points]
     tensions = frame.get("T") or [None] * geometry.cables

@@ -10,7 +10,6 @@ from cabols_msgs.action import CommissionLimb
 from cabols_msgs.srv import SetMode
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.commissioning.programmes import (
@@ -29,6 +28,7 @@ from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
 from cabols_control.ros.pause import pause
+from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 
 POLL_S = 0.1
@@ -280,7 +280,7 @@ class CommissionServer:
 def _pose_of(pose: Input, rig: Rig) -> tuple[FloatArray, FloatArray]:
     """Newest platform pose; the reference pose if none arrives."""
     if pose.take():
-        values = np.array(pose.record["pose"], dtype=np.float64)
-        if np.isfinite(values).all() and abs(float(np.linalg.norm(values[3:])) - 1.0) < 1e-3:
-            return values[:3], Rotation.from_quat(values[3:]).as_matrix()
+        found = read_pose(np.array(pose.record["pose"], dtype=np.float64))
+        if found is not None:
+            return found
     return rig.geometry.reference_position, rig.geometry.reference_rotation

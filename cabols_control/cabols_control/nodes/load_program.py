@@ -12,7 +12,6 @@ from cabols_msgs.action import RunProgram
 from cabols_msgs.srv import CheckProgram, SetMode
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from scipy.spatial.transform import Rotation
 
 from cabols_control.errors import CabolsError
 from cabols_control.load_programs.feasibility import ProgramCheck, check_program
@@ -24,6 +23,7 @@ from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
 from cabols_control.ros.ticker import Ticker
+from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 
 FEEDBACK_S = 0.2
@@ -198,10 +198,10 @@ class LoadProgramNode(ControlNode):
         record, age_ns = self._pose.record, time.monotonic_ns() - self._pose.received_ns
         if record is None or not 1e-9 * age_ns <= POSE_AGE_S:
             raise CabolsError("no platform_pose arrives: is the robot's bridge running?")
-        pose = np.array(record["pose"])
-        if not np.isfinite(pose).all() or not abs(np.linalg.norm(pose[3:]) - 1.0) < 1e-3:
-            raise CabolsError(f"platform_pose: expected a pose, got {pose}")
-        return check_program(self.rig, program, pose[:3], Rotation.from_quat(pose[3:]).as_matrix())
+        pose = read_pose(np.array(record["pose"]))
+        if pose is None:
+            raise CabolsError(f"platform_pose: expected a pose, got {record['pose']}")
+        return check_program(self.rig, program, *pose)
 
     def _check(self, request: Any, response: Any) -> Any:
         try:

@@ -7,12 +7,12 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot
+from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
@@ -145,13 +145,13 @@ class WrenchControllerNode(ControlNode):
             return
         self._pose_bytes = content
         values = np.frombuffer(content)
-        length = np.linalg.norm(values[3:])
-        if not np.isfinite(values).all() or not abs(length - 1.0) < 1e-3:
+        pose = read_pose(values)
+        if pose is None:
             self._controller.trip(
                 f"platform_pose: expected a finite position and a unit quaternion, got {values}"
             )
             return
-        self._controller.set_pose(values[:3], Rotation.from_quat(values[3:]).as_matrix())
+        self._controller.set_pose(*pose)
 
     def _take_desired(self) -> None:
         """Accept a finite desired wrench in base axes; keep the last one otherwise."""

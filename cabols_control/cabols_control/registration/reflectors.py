@@ -20,13 +20,13 @@ from cabols_control.errors import ShapeError
 from cabols_control.naming import number
 from cabols_control.registration.rigid_fit import (
     RegistrationError,
-    cross_matrix,
     gauss_newton,
     kabsch,
     require_spread,
     turned,
     whitener,
 )
+from cabols_control.rotations import cross_matrix
 
 __all__ = ["FrameEstimate", "PoseEstimate", "RegistrationError", "in_base", "register_frame",
            "register_pose"]  # fmt: skip

@@ -22,24 +22,14 @@ class RegistrationError(CabolsError):
     """The measured points cannot determine what was asked for."""
 
 
-def cross_matrix(vectors: FloatArray) -> FloatArray:
-    """(..., 3, 3) matrices S with S @ x = v x x, for vectors v (..., 3)."""
-    result = np.zeros((*vectors.shape, 3))
-    result[..., 0, 1], result[..., 0, 2] = -vectors[..., 2], vectors[..., 1]
-    result[..., 1, 0], result[..., 1, 2] = vectors[..., 2], -vectors[..., 0]
-    result[..., 2, 0], result[..., 2, 1] = -vectors[..., 1], vectors[..., 0]
-    return result
-
-
 def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Translation (3,) and rotation (3, 3) with target = t + R source, unweighted least squares.
 
     Kabsch, Acta Cryst. A32 (1976) 922. Shapes (n, 3), unchecked; never a reflection.
     """
     centre_source, centre_target = source.mean(axis=0), target.mean(axis=0)
-    left, _, right = np.linalg.svd((target - centre_target).T @ (source - centre_source))
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation = left @ flip @ right
+    found, _ = Rotation.align_vectors(target - centre_target, source - centre_source)
+    rotation = np.asarray(found.as_matrix())
     return centre_target - rotation @ centre_source, rotation
 
 

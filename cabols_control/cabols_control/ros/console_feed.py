@@ -34,6 +34,7 @@ from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input, subscribe_aside
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.topics import message_type
+from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 
 STALE_S = 0.5
@@ -156,15 +157,10 @@ class Feed:
         record = self._pose.record
         if record is None:
             return wrench
-        x, y, z, w = record["pose"][3:]
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-        return (turn @ wrench.reshape(2, 3).T).T.ravel()
+        pose = read_pose(record["pose"])
+        if pose is None:
+            return np.full(6, np.nan)
+        return (wrench.reshape(2, 3) @ pose[1].T).ravel()
 
     def _hear_modes(self) -> None:
         for message in self._modes.take():

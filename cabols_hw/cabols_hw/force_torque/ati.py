@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.errors import ConfigError
+from cabols_control.rotations import cross_matrix
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 DELTA_LIMITS = (165.0, 165.0, 495.0, 15.0, 15.0, 15.0)
@@ -172,12 +173,6 @@ def _basic_transform(calibration: Any, name: str) -> FloatArray:
         )
     # The element names the new origin, seen from the old one.
     return wrench_transform(-unit * np.array(offset), np.eye(3))
-
-
-def cross_matrix(vector: ArrayLike) -> FloatArray:
-    """Matrix (3, 3) of the cross product: with a it makes a x b of b."""
-    x, y, z = finite_array("vector", vector, (3,))
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def wrench_transform(position: ArrayLike, rotation: ArrayLike) -> FloatArray:

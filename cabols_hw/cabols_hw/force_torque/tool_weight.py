@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
 from cabols_control.errors import CabolsError
-from cabols_hw.force_torque.ati import STANDARD_GRAVITY, cross_matrix
+from cabols_control.rotations import cross_matrix
+from cabols_hw.force_torque.ati import STANDARD_GRAVITY
 
 UNKNOWNS = 10
 """Six biases, the mass, and the mass times the centre of mass."""

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
@@ -20,6 +19,7 @@ from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare
+from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.supervision.supervisor import EMERGENCY
 from cabols_hw.bridge.bridge import Bridge
@@ -135,9 +135,9 @@ class BridgeNode(ControlNode):
     def on_inputs(self) -> None:
         """Take what extra_inputs brought."""
         if self._pose_input.take():
-            pose = np.array(self._pose_input.record["pose"])
-            if np.isfinite(pose).all() and abs(np.linalg.norm(pose[3:]) - 1.0) < 1e-3:
-                self.take_pose(pose[:3], Rotation.from_quat(pose[3:]).as_matrix())
+            pose = read_pose(np.array(self._pose_input.record["pose"]))
+            if pose is not None:
+                self.take_pose(*pose)
 
     def take_pose(self, position: FloatArray, rotation: FloatArray) -> None:
         """Use a pose, (3,) [m] and (3, 3), if the safety envelope lets it pass."""

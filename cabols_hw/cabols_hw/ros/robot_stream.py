@@ -17,6 +17,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.guarded_thread import GuardedThread
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
+from cabols_control.rotations import pose_matrix
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
@@ -118,7 +119,7 @@ class RobotStream(GuardedThread):
     def platform(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the newest pose: position (3,) [m], rotation (3, 3) to the rig's base axes."""
         pose = np.array(self._pose["pose"])
-        return pose[:3], Rotation.from_quat(pose[3:]).as_matrix()
+        return pose[:3], pose_matrix(pose[3:])
 
     @property
     def stale(self) -> bool:

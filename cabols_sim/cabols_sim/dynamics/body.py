@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
+from cabols_control.rotations import cross_matrix
 from cabols_sim.dynamics.cables import (
     CableStates,
     cable_states,
@@ -130,12 +131,6 @@ def acceleration(
 def rotated_inertia(robot: CableRobot, rotation: FloatArray) -> FloatArray:
     """(3, 3) inertia of the platform about its centre of mass, base axes [kg m^2]."""
     return np.asarray(rotation @ robot.inertia @ rotation.T)
-
-
-def cross_matrix(vector: FloatArray) -> FloatArray:
-    """(3, 3) matrix of vector x."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _platform_inertia(robot: CableRobot, rotation: FloatArray) -> FloatArray:

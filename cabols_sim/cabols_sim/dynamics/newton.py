@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_sim.dynamics.body import BodyState, cross_matrix, rotated_inertia
+from cabols_control.rotations import cross_matrix
+from cabols_sim.dynamics.body import BodyState, rotated_inertia
 from cabols_sim.dynamics.cables import cross
 from cabols_sim.dynamics.robot import CableRobot
 

@@ -20,7 +20,7 @@ from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
 from cabols_control.kinematics import cable_lengths, structure_matrix
-from cabols_sim.dynamics.body import cross_matrix
+from cabols_control.rotations import cross_matrix
 
 
 @dataclass(frozen=True, eq=False)

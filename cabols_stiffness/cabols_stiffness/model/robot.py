@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.errors import ConfigError
-from cabols_control.registration.rigid_fit import cross_matrix
 from cabols_control.rig_folder import rig_file
+from cabols_control.rotations import cross_matrix
 
 JOINTS = 6
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ShapeError
-from cabols_control.registration.rigid_fit import cross_matrix
+from cabols_control.rotations import cross_matrix
 
 
 def exponential(vector: FloatArray) -> FloatArray:

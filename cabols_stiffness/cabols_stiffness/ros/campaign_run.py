@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from cabols_msgs.msg import StiffnessLoad
 from rclpy.serialization import serialize_message
-from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import configuration_name, limb_names, place_name, reflector_name
 from cabols_control.ros.node import ControlNode
+from cabols_control.rotations import read_pose
 from cabols_control.stamps import set_time, time_ns
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.campaign.flow import Flow
@@ -239,11 +239,12 @@ class CampaignRun:
 
     def _beyond(self, tension: FloatArray) -> str:
         """Why a load is beyond the limits here; empty if it is not."""
-        pose = self._intake.pose
-        if pose is None or not np.isfinite(pose).all():
+        values = self._intake.pose
+        pose = None if values is None else read_pose(values)
+        if pose is None:
             return "platform_pose has not arrived: the load cannot be judged"
-        rotation = Rotation.from_quat(pose[3:]).as_matrix()
-        matrix = structure_matrix(self._node.rig.geometry, pose[:3], rotation)
+        position, rotation = pose
+        matrix = structure_matrix(self._node.rig.geometry, position, rotation)
         base = matrix @ tension
         wrench = np.concatenate([rotation.T @ base[:3], rotation.T @ base[3:]])
         if (np.abs(wrench) <= self._plan.wrench_limit).all():
