@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from cabols_control.bags.compare import payload_digest
 from cabols_control.bags.definitions import Definitions, parse_definition, verified
 from cabols_control.bags.errors import BagError
-from cabols_control.bags.lost_messages import Gaps
+from cabols_control.bags.lost_messages import LostMessages
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.reader import iterate, read_bag
 from cabols_control.bags.recover import main, recover
@@ -541,14 +541,14 @@ def test_a_node_without_time_yet_does_not_shift_the_zero(tmp_path, store):
 
 
 def test_gaps_are_counted_for_each_of_several_publishers():
-    one = Gaps(lambda: 1)
+    one = LostMessages(lambda: 1)
     for number in (5, 6, 9, 10):
         one.add(number)
     assert one.lost == 2
     one.add(1)  # restarted
     one.add(2)
     assert one.lost == 2
-    two = Gaps(lambda: 2)
+    two = LostMessages(lambda: 2)
     for number in (1, 100, 2, 3, 101, 104, 4, 6):
         two.add(number)
     assert two.lost == 3

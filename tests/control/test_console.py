@@ -1,4 +1,4 @@
-"""The console's pure parts: access, command, uploads, what is shown, feasibility, attendance."""
+"""The console's pure parts: access, command, uploads, what is shown, feasibility, watchdog."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ from cabols_control.load_programs.programs import BUILT_IN, load_program
 from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.supervision.modes import MOVING, NEXT, ModeMachine, OperatingMode
-from cabols_control.supervision.operator_watchdog import Attendance
+from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 from cabols_control.tension import distribute
 from cabols_hw.abb.configurations import load_configurations
@@ -278,11 +278,11 @@ def test_lease_is_nobodys_at_first():
     assert "nobody" in lease.refusal("x")
 
 
-# --- attendance ---
+# --- operator watchdog ---
 
 
-def test_attendance_arms_with_an_operator_and_disarms_at_rest():
-    watch = Attendance(5.0)
+def test_operator_watchdog_arms_with_an_operator_and_disarms_at_rest():
+    watch = OperatorWatchdog(5.0)
     assert not watch.overdue(1e6, at_rest=False), "a rig that no console attends runs on"
     watch.hear(10.0, False, "")
     assert not watch.armed

@@ -1,12 +1,12 @@
 """When the recorder joins a topic of the control loop."""
 
-from cabols_control.bags.join_policy import PATIENCE_S, SETTLE_S, Courtesy
+from cabols_control.bags.join_policy import PATIENCE_S, SETTLE_S, JoinPolicy
 
 
 def first(looks):
     """Return the time of the first look, of (time, published, read), after which to join."""
-    courtesy = Courtesy()
-    return next((now for now, *seen in looks if courtesy.over(now, *seen)), None)
+    policy = JoinPolicy()
+    return next((now for now, *seen in looks if policy.over(now, *seen)), None)
 
 
 def every_10_ms(until_s, published_s, read_s):

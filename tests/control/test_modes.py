@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cabols_control.supervision.modes import Condition, ModeMachine, OperatingMode
-from cabols_control.supervision.starvation import Wakefulness
+from cabols_control.supervision.starvation import StarvationWatch
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 
 READY = np.ones(8, dtype=bool)
@@ -246,7 +246,7 @@ def test_clock_that_is_set_back_is_a_fault_and_forgets_reports():
 
 
 def test_who_has_slept_believes_no_silence():
-    watcher = Wakefulness(0.06)
+    watcher = StarvationWatch(0.06)
     assert not watcher.turn(10.0)
     assert not any(watcher.turn(10.0 + 0.02 * k) for k in range(1, 3))
     assert all(watcher.turn(10.06 + 0.02 * k) for k in range(1, 10))

@@ -15,7 +15,7 @@ from cabols_control.configuration import load_config
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import rig_file
-from cabols_control.run_report.figures import decimate, draw_story, write_figures
+from cabols_control.run_report.figures import decimate, draw_session, write_figures
 from cabols_control.run_report.figures_of_merit import (
     RunError,
     checks,
@@ -495,11 +495,11 @@ def test_figures_are_pictures(tmp_path):
 def test_a_session_has_its_own_picture(tmp_path):
     summary = summarise(session_run(), load_rig())
     paths = write_figures(session_run(), tmp_path, summary)
-    story = next(path for path in paths if path.stem == "story")
-    assert story.stat().st_size > 20_000
+    session = next(path for path in paths if path.stem == "session")
+    assert session.stat().st_size > 20_000
     page = write_report(tmp_path / "report.html", session_run(), summary)
     assert "The whole session over time" in page.read_text(encoding="utf-8")
-    figure = draw_story(session_run())
+    figure = draw_session(session_run())
     text = " ".join(t.get_text() for axes in figure.axes for t in axes.texts)
     for word in ("free-moving", "loading", "unload", "at most 15 N", "tracker measures"):
         assert word in text

@@ -1,20 +1,20 @@
-"""When to join a topic whose other readers are to be served first; pure."""
+"""When the recorder subscribes to a topic whose other readers are to be served first; pure."""
 
 from __future__ import annotations
 
 import math
 
 SETTLE_S = 0.3
-"""From here another reader is seen to be there; its publisher must have met it, too."""
+"""Shortest time from seeing another reader until its publisher has matched it, too [s]."""
 PATIENCE_S = 0.5
-"""So long a topic that is published is left to others that may come."""
+"""Longest wait for another reader of a topic that is published [s]."""
 
 
-class Courtesy:
-    """Waits until a topic has a publisher that has met another reader, but not for ever."""
+class JoinPolicy:
+    """Waits until a topic's publisher has matched another reader, for at most PATIENCE_S."""
 
     def __init__(self) -> None:
-        """Begin to wait."""
+        """Start to wait."""
         self._published_s = math.inf
         self._served_s = math.inf
 

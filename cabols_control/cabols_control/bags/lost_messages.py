@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 
 
-class Gaps:
-    """Counts the publications missing on one topic, which may have several publishers.
+class LostMessages:
+    """Counts the lost publications of one topic, which may have several publishers.
 
-    Every publisher numbers its own messages from 1, but a message does not tell whose it is. A
-    number that continues one of the known sequences belongs to that one; another number begins a
-    new sequence as long as there are publishers without one, and is a gap otherwise.
+    Every publisher numbers its own messages from 1, but a message does not name its publisher. A
+    number that continues one of the known sequences belongs to that one. Any other number starts a
+    new sequence as long as there are publishers without one; otherwise it marks a gap.
 
     Attributes:
-        lost: publications missing between those that came.
+        lost: publications missing between those received.
     """
 
     def __init__(self, publishers: Callable[[], int]) -> None:
-        """Begin.
+        """Start without any sequence.
 
         Args:
-            publishers: returns the present number of publishers; asked only when a number does
+            publishers: returns the present number of publishers; called only when a number does
                 not continue a sequence.
         """
         self._publishers = publishers

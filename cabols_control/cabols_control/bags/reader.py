@@ -18,7 +18,7 @@ from cabols_control.bags.definitions import parse_definition
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.metadata import custom_data, read_metadata
 from cabols_control.bags.names import absolute, relative
-from cabols_control.bags.salvage import Message, Scan
+from cabols_control.bags.salvage import Message, Salvage
 from cabols_control.stamps import HEADER_STAMP, column_ns, first_stamp
 
 YEAR_NS = 365 * 24 * 3600 * 1_000_000_000
@@ -155,8 +155,8 @@ def iterate(
     folder = Path(folder)
     information = read_metadata(folder)
     wanted = set(_wanted(folder, _recorded(information), topics))
-    for scan, message in _messages(folder, information):
-        name = relative(scan.channels[message.channel].topic)
+    for salvage, message in _messages(folder, information):
+        name = relative(salvage.channels[message.channel].topic)
         if name in wanted:
             yield name, message.log_time_ns, message.data
 
@@ -184,13 +184,13 @@ def batches(
     wanted = set(_wanted(folder, _recorded(information), topics))
     channels: dict[str, _Channel] = {}
     numbers: dict[int, _Channel | None] = {}
-    present: Scan | None = None
+    present: Salvage | None = None
     count = 0
-    for scan, message in _messages(folder, information):
-        if scan is not present:
-            present, numbers = scan, {}
+    for salvage, message in _messages(folder, information):
+        if salvage is not present:
+            present, numbers = salvage, {}
         if message.channel not in numbers:
-            found = scan.channels[message.channel]
+            found = salvage.channels[message.channel]
             name, definition = relative(found.topic), found.definition
             numbers[message.channel] = None
             if name in wanted:
@@ -267,7 +267,7 @@ def _wanted(
     return [relative(topic) for topic in types]
 
 
-def _messages(folder: Path, information: dict[str, Any]) -> Iterator[tuple[Scan, Message]]:
+def _messages(folder: Path, information: dict[str, Any]) -> Iterator[tuple[Salvage, Message]]:
     storage = information.get("storage_identifier")
     if storage != "mcap" or information.get("compression_mode"):
         raise BagError(
@@ -275,14 +275,14 @@ def _messages(folder: Path, information: dict[str, Any]) -> Iterator[tuple[Scan,
             f"{storage} {information.get('compression_mode', '')}; use `ros2 bag convert`"
         )
     for name in information["relative_file_paths"]:
-        scan = Scan(folder / Path(name).name, strict=True)
-        for message in scan.messages():
-            if message.channel not in scan.channels:
+        salvage = Salvage(folder / Path(name).name, strict=True)
+        for message in salvage.messages():
+            if message.channel not in salvage.channels:
                 raise BagError(
                     f"{folder}: expected only messages of known channels, got one of channel "
                     f"{message.channel}; run recover"
                 )
-            yield scan, message
+            yield salvage, message
 
 
 def _collect(
@@ -292,12 +292,12 @@ def _collect(
     found: dict[str, _Channel] = {}
     firsts: dict[str, int] = {}
     names: dict[int, str] = {}
-    present: Scan | None = None
-    for scan, message in _messages(folder, information):
-        if scan is not present:
-            present, names = scan, {}
+    present: Salvage | None = None
+    for salvage, message in _messages(folder, information):
+        if salvage is not present:
+            present, names = salvage, {}
         if message.channel not in names:
-            channel = scan.channels[message.channel]
+            channel = salvage.channels[message.channel]
             names[message.channel] = name = relative(channel.topic)
             if _has_header(channel.definition.text):
                 firsts.setdefault(name, first_stamp(message.data))

@@ -19,7 +19,7 @@ from cabols_control.bags.metadata import (
     write_metadata,
 )
 from cabols_control.bags.names import relative
-from cabols_control.bags.salvage import Scan
+from cabols_control.bags.salvage import Salvage
 from cabols_control.bags.writer import (
     METADATA_NAME,
     TEMPORARY_SUFFIX,
@@ -86,16 +86,16 @@ def recover(bag: str | Path, output: str | Path | None = None) -> Recovery:
 
 
 def _rewrite(source: Path, target: Path, name: str, in_place: bool) -> Recovery:
-    scan = Scan(source, strict=False)
+    salvage = Salvage(source, strict=False)
     temporary = target / (name + TEMPORARY_SUFFIX)
     file = McapFile(temporary, name, replace=True)
     try:
-        unknown = _copy(scan, file)
-        custom = _custom(scan, source.parent)
-        whole = scan.complete and not scan.dropped_bytes and not unknown
+        unknown = _copy(salvage, file)
+        custom = _custom(salvage, source.parent)
+        whole = salvage.complete and not salvage.dropped_bytes and not unknown
         untouched = in_place and whole and (target / FILE_NAME).exists()
         if not untouched:
-            for key, content in {**scan.metadata, METADATA_NAME: custom}.items():
+            for key, content in {**salvage.metadata, METADATA_NAME: custom}.items():
                 # rosbag2 keeps a copy of metadata.yaml there, which would no longer be true.
                 if key != "rosbag2":
                     file.add_metadata(key, content)
@@ -107,23 +107,23 @@ def _rewrite(source: Path, target: Path, name: str, in_place: bool) -> Recovery:
     finally:
         file.abandon()
         temporary.unlink(missing_ok=True)
-    return _result(file.summary, target, scan.dropped_bytes, unknown, not untouched)
+    return _result(file.summary, target, salvage.dropped_bytes, unknown, not untouched)
 
 
-def _copy(scan: Scan, file: McapFile) -> int:
+def _copy(salvage: Salvage, file: McapFile) -> int:
     """Copy all messages; returns the number of those without a known topic."""
     channels: dict[int, int] = {}
     unknown = 0
 
     def channel_of(number: int) -> int:
         if number not in channels:
-            info = scan.channels[number]
+            info = salvage.channels[number]
             definition = verified(info.definition)
             channels[number] = file.add_channel(info.topic, definition, info.qos_text)
         return channels[number]
 
-    for message in scan.messages():
-        if message.channel not in scan.channels:
+    for message in salvage.messages():
+        if message.channel not in salvage.channels:
             unknown += 1
             continue
         file.add_message(
@@ -133,14 +133,14 @@ def _copy(scan: Scan, file: McapFile) -> int:
             message.data,
             message.sequence,
         )
-    for number in scan.channels:
+    for number in salvage.channels:
         channel_of(number)
     return unknown
 
 
-def _custom(scan: Scan, folder: Path) -> dict[str, str]:
-    if METADATA_NAME in scan.metadata:
-        return scan.metadata[METADATA_NAME]
+def _custom(salvage: Salvage, folder: Path) -> dict[str, str]:
+    if METADATA_NAME in salvage.metadata:
+        return salvage.metadata[METADATA_NAME]
     try:
         return custom_data(read_metadata(folder))
     except BagError:

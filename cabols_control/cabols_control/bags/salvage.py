@@ -50,7 +50,7 @@ class ChannelInfo:
     qos_text: str
 
 
-class Scan:
+class Salvage:
     """One pass through a file.
 
     Attributes:

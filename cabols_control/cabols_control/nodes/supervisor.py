@@ -21,8 +21,8 @@ from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.ticker import Ticker
 from cabols_control.supervision.modes import MOVING
-from cabols_control.supervision.operator_watchdog import Attendance
-from cabols_control.supervision.starvation import Wakefulness
+from cabols_control.supervision.operator_watchdog import OperatorWatchdog
+from cabols_control.supervision.starvation import StarvationWatch
 from cabols_control.supervision.supervisor import EMERGENCY, Supervision, SupervisionConfig
 
 PERIOD_S = 0.02
@@ -57,7 +57,7 @@ class SupervisorNode(ControlNode):
             bridges=() if self.paced else SupervisionConfig.bridges,
         )
         self._core = Supervision(config)
-        self._attendance = Attendance(
+        self._operator_watchdog = OperatorWatchdog(
             declare(
                 self,
                 "operator_timeout",
@@ -72,7 +72,7 @@ class SupervisorNode(ControlNode):
         self._output = self.advertise("mode")
         self._published: tuple[int, str] = (-1, "")
         self._ticks = 0
-        self._wakefulness = Wakefulness(NEWS_S)
+        self._starvation = StarvationWatch(NEWS_S)
         self.create_subscription(
             LoopStatus, "loop_status", self._hear_status, topic_qos("loop_status")
         )
@@ -116,9 +116,9 @@ class SupervisorNode(ControlNode):
         with self._lock:
             self._ticks += 1
             self._hear_news()
-            if self._wakefulness.turn(time.monotonic()):
+            if self._starvation.turn(time.monotonic()):
                 self._core.check_silence(self._now_s())
-            left = self._attendance.overdue(time.monotonic(), self._core.mode not in MOVING)
+            left = self._operator_watchdog.overdue(time.monotonic(), self._core.mode not in MOVING)
             if left:
                 self._core.abandon(left)
             if self._ticks % REPEAT_EVERY == 0 or self._changed():
@@ -171,7 +171,7 @@ class SupervisorNode(ControlNode):
 
     def _hear_operator(self, message: Heartbeat) -> None:
         with self._lock:
-            self._attendance.hear(time.monotonic(), message.attended, message.who)
+            self._operator_watchdog.hear(time.monotonic(), message.attended, message.who)
 
     def _set_mode(self, request: Any, response: Any) -> Any:
         with self._lock:

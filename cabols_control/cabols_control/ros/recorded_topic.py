@@ -1,4 +1,4 @@
-"""One recorded topic: subscribed to at once, or behind the control loop's own readers."""
+"""One recorded topic: subscribed to at once, or after the control loop's own readers."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from cabols_control.bags.join_policy import Courtesy
-from cabols_control.bags.lost_messages import Gaps
+from cabols_control.bags.join_policy import JoinPolicy
+from cabols_control.bags.lost_messages import LostMessages
 from cabols_control.ros import topics
 from cabols_control.ros.loop import subscribe_aside
 from cabols_control.ros.node import ControlNode
@@ -23,35 +23,35 @@ Item = tuple[int, str, int, bytes, int]
 """Reception [ns], topic, publication [ns], bytes, publication number."""
 
 
-class Tap:
+class RecordedTopic:
     """One recorded topic.
 
     Attributes:
-        offered: quality with which its publishers offer it.
-        gaps: messages that were missed.
+        offered: quality of service that its publishers offer.
+        missing: counts the messages that were lost.
         count: messages so far.
     """
 
     def __init__(self, node: ControlNode, topic: str) -> None:
-        """Subscribe, whether or not anybody publishes yet; on a topic of the loop in join()."""
-        self.topic = topic
+        """Subscribe, with or without a publisher; to a topic of the control loop in join()."""
+        self.name = topic
         self.offered = topic_qos(topic, node.lockstep)
-        self.gaps = Gaps(lambda: node.count_publishers(topic))
+        self.missing = LostMessages(lambda: node.count_publishers(topic))
         self.count = 0
         self._node = node
         self._type = topics.message_type(topic)
         self._log_time_ns = 0
         self._subscription: Any = None
-        self._courtesy = Courtesy()
-        # Fast DDS sends a message to its readers in the order in which it met them: the loop's own
-        # readers go first, which takes some 30 us off the loop's delay.
+        self._policy = JoinPolicy()
+        # Fast DDS sends a message to its readers in the order in which it matched them. With the
+        # loop's own readers first, the loop's delay is some 30 us shorter.
         if node.lockstep or not topic_row(topic).in_loop:
             self._subscribe()
 
     @property
     def type_name(self) -> str:
         """Name as in `cabols_msgs/msg/LimbState`."""
-        return topic_row(self.topic).type_name
+        return topic_row(self.name).type_name
 
     @property
     def joined(self) -> bool:
@@ -59,11 +59,11 @@ class Tap:
         return self._subscription is not None
 
     def join(self, now_s: float) -> bool:
-        """Subscribe if it is time; return whether it is subscribed to."""
+        """Subscribe when the join policy allows it; return whether it is subscribed to."""
         node = self._node
         if not self.joined:
-            published = min(node.count_publishers(name) for name in (CLOCK_TOPIC, self.topic)) > 0
-            if self._courtesy.over(now_s, published, node.count_subscribers(self.topic) > 0):
+            published = min(node.count_publishers(name) for name in (CLOCK_TOPIC, self.name)) > 0
+            if self._policy.over(now_s, published, node.count_subscribers(self.name) > 0):
                 self._subscribe()
         return self.joined
 
@@ -73,27 +73,27 @@ class Tap:
             reliability=self.offered.reliability,
             durability=self.offered.durability,
         )
-        self._subscription = subscribe_aside(self._node, self._type, self.topic, wanted)
+        self._subscription = subscribe_aside(self._node, self._type, self.name, wanted)
         self._handle = self._subscription.handle
 
     def take(self, into: deque[Item]) -> bytes:
-        """Take all that waits, in order; returns the newest, empty if there was none."""
+        """Take all waiting messages in order; return the newest, empty if there was none."""
         if not self.joined:
             return b""
-        handle, msg_type, add = self._handle, self._type, self.gaps.add
+        handle, msg_type, add = self._handle, self._type, self.missing.add
         newest = b""
         while (taken := handle.take_message(msg_type, True)) is not None:
             newest, info = taken
             number = info["publication_sequence_number"]
             add(number)
             received = info["received_timestamp"] or time.time_ns()
-            # A clock that is set back must not turn the order of a topic around.
+            # A clock that is set back must not reverse the order of a topic's messages.
             self._log_time_ns = max(received, self._log_time_ns)
             self.count += 1
-            into.append((self._log_time_ns, self.topic, info["source_timestamp"], newest, number))
+            into.append((self._log_time_ns, self.name, info["source_timestamp"], newest, number))
         return newest
 
     def close(self) -> None:
-        """Unsubscribe: what nobody records costs nothing."""
+        """Unsubscribe: an unread subscription would still cost time."""
         if self.joined:
             self._node.destroy_subscription(self._subscription)

@@ -18,7 +18,7 @@ from cabols_control.bags.writer import BagWriter
 from cabols_control.realtime.scheduling import be_ordinary, collect_young
 from cabols_control.ros.loop import IDLE_NS, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode
-from cabols_control.ros.recorded_topic import Item, Tap
+from cabols_control.ros.recorded_topic import Item, RecordedTopic
 from cabols_control.stamps import first_stamp
 
 GATHER_S = 0.02
@@ -61,19 +61,19 @@ class Recording:
         self._period = period_s
         self._on_end = on_end
         self._writer = BagWriter(folder, texts)
-        self._taps = [Tap(node, name) for name in wanted]
-        for tap in self._taps:
+        self._topics = [RecordedTopic(node, name) for name in wanted]
+        for topic in self._topics:
             qos = OfferedQos(
-                tap.offered.depth,
-                tap.offered.reliability.name.lower(),
-                tap.offered.durability.name.lower(),
+                topic.offered.depth,
+                topic.offered.reliability.name.lower(),
+                topic.offered.durability.name.lower(),
             )
-            self._writer.add_topic(tap.topic, tap.type_name, qos)
+            self._writer.add_topic(topic.name, topic.type_name, qos)
         self._taken: deque[Item] = deque()
         self._newest_raw = b""
         self.failure: BaseException | None = None
         self._stop = threading.Event()
-        self._wait_set = make_wait_set(node, len(self._taps))
+        self._wait_set = make_wait_set(node, len(self._topics))
         self._threads = [
             threading.Thread(target=self._guarded, args=(run,), name=run.__name__, daemon=True)
             for run in (self._take_all, self._write_all)
@@ -88,11 +88,11 @@ class Recording:
         """Begin."""
         for thread in self._threads:
             thread.start()
-        self._node.get_logger().info(f"recording {len(self._taps)} topics into {self.folder}")
+        self._node.get_logger().info(f"recording {len(self._topics)} topics into {self.folder}")
 
     def join(self) -> bool:
         """Subscribe to those of the loop's topics whose time has come; return whether to all."""
-        waiting = [tap for tap in self._taps if not tap.join(time.monotonic())]
+        waiting = [topic for topic in self._topics if not topic.join(time.monotonic())]
         return not waiting
 
     def close(self) -> None:
@@ -122,15 +122,18 @@ class Recording:
 
     def forget(self) -> None:
         """Unsubscribe, after close()."""
-        for tap in self._taps:
-            tap.close()
+        for topic in self._topics:
+            topic.close()
 
     def summary(self) -> str:
         """Say what is in the bag, topic by topic."""
-        total = sum(tap.count for tap in self._taps)
-        lost = sum(tap.gaps.lost for tap in self._taps)
+        total = sum(topic.count for topic in self._topics)
+        lost = sum(topic.missing.lost for topic in self._topics)
         lines = [f"{self.folder}: {total} messages, {lost} lost"]
-        lines += [f"  {tap.count:9d}  {tap.topic}  (lost {tap.gaps.lost})" for tap in self._taps]
+        lines += [
+            f"  {topic.count:9d}  {topic.name}  (lost {topic.missing.lost})"
+            for topic in self._topics
+        ]
         return "\n".join(lines)
 
     def _guarded(self, run: Any) -> None:
@@ -148,7 +151,7 @@ class Recording:
         self._node.prepare_thread()
         report_at = time.monotonic() + STATUS_S
         while not self._stop.is_set() and self._node.context.ok():
-            joined = [tap for tap in self._taps if tap.joined]
+            joined = [topic for topic in self._topics if topic.joined]
             if wait_for(self._wait_set, joined, IDLE_NS):
                 self._stop.wait(GATHER_S)
                 self._take()
@@ -157,8 +160,8 @@ class Recording:
                 self._report()
 
     def _take(self) -> None:
-        for tap in self._taps:
-            self._newest_raw = tap.take(self._taken) or self._newest_raw
+        for topic in self._topics:
+            self._newest_raw = topic.take(self._taken) or self._newest_raw
 
     def _write_all(self) -> None:
         due = time.monotonic() + self._period
@@ -180,7 +183,7 @@ class Recording:
 
     def _report(self) -> None:
         status = self._node.status
-        status.cycles = sum(tap.count for tap in self._taps)
-        status.lost = sum(tap.gaps.lost for tap in self._taps)
+        status.cycles = sum(topic.count for topic in self._topics)
+        status.lost = sum(topic.missing.lost for topic in self._topics)
         stamp_ns = first_stamp(self._newest_raw) if self._newest_raw else 0
         status.publish(stamp_ns, RUNNING if self._newest_raw else WAITING, "")

@@ -21,8 +21,8 @@ from cabols_control.run_report.session_figure import (
     draw_motion,
     finish,
     free_limit,
-    has_story,
-    story_panels,
+    has_session,
+    session_panels,
 )
 
 COMPONENTS = ("$f_x$ [N]", "$f_y$ [N]", "$f_z$ [N]", "$m_x$ [N m]", "$m_y$ [N m]", "$m_z$ [N m]")
@@ -251,13 +251,13 @@ def draw_overview(run: BenchRun, summary: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def draw_story(run: BenchRun) -> Figure:
+def draw_session(run: BenchRun) -> Figure:
     """The whole session over time: modes, joints, the platform's speed, tensions twice.
 
     In the upper of the two the scale shows free-moving, in the lower the load.
     """
     figure = new_figure(13.0, 11.0)
-    panels = story_panels(figure)
+    panels = session_panels(figure)
     start = float(run.time[0])
     draw_bands(panels, run, start)
     _, joints, speed, low, whole = panels
@@ -292,7 +292,7 @@ def write_figures(
 
     Returns:
         Paths: overview.png, wrench.png, tensions.png, tension_errors.png, currents.png, and
-        story.png if the rig was free-moving.
+        session.png if the rig was free-moving.
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
@@ -304,8 +304,8 @@ def write_figures(
         "tension_errors": lambda: draw_tension_errors(run),
         "currents": lambda: draw_currents(run, numbers),
     }
-    if has_story(run):
-        drawings["story"] = lambda: draw_story(run)
+    if has_session(run):
+        drawings["session"] = lambda: draw_session(run)
     paths = []
     for name, draw in drawings.items():
         path = target / f"{name}.png"

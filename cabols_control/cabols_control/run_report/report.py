@@ -31,13 +31,13 @@ from cabols_control.run_report.figures import (
     LIMIT,
     MEASURED,
     decimate,
-    draw_story,
+    draw_session,
     tension_ticks,
 )
 from cabols_control.run_report.figures_of_merit import checks
 from cabols_control.run_report.run import BenchRun
 from cabols_control.run_report.section import ReportSection
-from cabols_control.run_report.session_figure import has_story
+from cabols_control.run_report.session_figure import has_session
 
 POINTS = 5000
 """Per curve."""
@@ -91,7 +91,7 @@ def write_report(
         bokeh_script=script,
         checks=checks(summary),
         faults=summary["faults"],
-        story=_story(run) if has_story(run) else "",
+        session=_session(run) if has_session(run) else "",
         plots=[_Plot(div, wide) for div, (_, wide) in zip(divs, plots, strict=True)],
         modes=run.modes,
         nodes=run.health,
@@ -109,10 +109,10 @@ def write_report(
     return target
 
 
-def _story(run: BenchRun) -> str:
+def _session(run: BenchRun) -> str:
     """Picture of the session as base64."""
     picture = io.BytesIO()
-    draw_story(run).savefig(picture, format="png", dpi=DPI)
+    draw_session(run).savefig(picture, format="png", dpi=DPI)
     return base64.b64encode(picture.getvalue()).decode("ascii")
 
 

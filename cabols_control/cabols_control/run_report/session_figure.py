@@ -38,12 +38,12 @@ FREE_SCALE_N = 20.0
 LABEL, TICKS = 14, 12
 
 
-def has_story(run: BenchRun) -> bool:
+def has_session(run: BenchRun) -> bool:
     """Whether there is more to draw than a load: the rig was free-moving."""
     return bool(phases(run, OperatingMode.FREE_MOVING))
 
 
-def story_panels(figure: Figure) -> list[Axes]:
+def session_panels(figure: Figure) -> list[Axes]:
     """Make the axes: a strip for the modes, four panels below it, one time axis."""
     grid = figure.subplots(5, 1, sharex=True, height_ratios=(0.45, 1.0, 0.8, 1.1, 1.1))
     return list(grid)

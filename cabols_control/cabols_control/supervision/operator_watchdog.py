@@ -1,4 +1,4 @@
-"""Whether somebody still watches a rig that an operator has taken command of."""
+"""Whether the operator's console of a rig still reports; pure."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import math
 from cabols_control.supervision.modes import UNATTENDED
 
 
-class Attendance:
-    """A dead man's switch on heartbeats; times are any clock that never jumps.
+class OperatorWatchdog:
+    """A dead man's switch on heartbeats; times are of any clock that never jumps.
 
-    The first heartbeat of an attended console arms it: from then on, while the rig is not at rest,
-    `overdue` tells once no such heartbeat has come for the time-out. At rest a heartbeat that
-    says that nobody is in command, or silence, disarms it. A rig that no console attends, such as
-    one led by a script, is never overdue.
+    The first heartbeat of an attended console arms it. From then on, while the rig is not at rest,
+    `overdue` reports when no such heartbeat has arrived for the time-out. At rest, a heartbeat
+    without an operator, or silence, disarms it. A rig without a console, such as one that a script
+    drives, is never overdue.
     """
 
     def __init__(self, timeout_s: float) -> None:
         """Start disarmed.
 
         Args:
-            timeout_s: heartbeats may be away so long [s].
+            timeout_s: longest silence between two heartbeats [s].
         """
         self._timeout_s = timeout_s
         self._last_s = -math.inf
@@ -28,7 +28,7 @@ class Attendance:
         self.armed = False
 
     def hear(self, now_s: float, attended: bool, operator: str) -> None:
-        """Take one heartbeat; one that is not attended counts as none."""
+        """Take one heartbeat; an unattended one counts as none."""
         if attended:
             self._last_s, self._operator, self.armed = now_s, operator, True
 

@@ -1,31 +1,31 @@
-"""Whether a watcher may trust that it has heard nothing: it must have been awake; pure."""
+"""Whether silence means that nothing was sent, or that this process was stalled; pure."""
 
 from __future__ import annotations
 
 import math
 
 
-class Wakefulness:
-    """Notices from its own turns that a process was starved or frozen.
+class StarvationWatch:
+    """Detects from the times of a process's own turns that it was starved or frozen.
 
-    Such a process finds the messages of the meantime only a little after it has woken up, so that
-    what seems silent to it then may not be.
+    Such a process receives the messages of the meantime only a little after it runs again, so that
+    a node that seems silent then may not be.
     """
 
-    def __init__(self, slept_s: float) -> None:
-        """Start asleep.
+    def __init__(self, stall_s: float) -> None:
+        """Start as after a stall.
 
         Args:
-            slept_s: a longer time between two turns is sleep, and after it nothing is believed for
-                so long [s].
+            stall_s: a longer time between two turns is a stall, and silence proves nothing for
+                that long after it [s].
         """
-        self._slept_s = slept_s
+        self._stall_s = stall_s
         self._last_s = -math.inf
-        self._believe_from_s = math.inf
+        self._valid_from_s = math.inf
 
     def turn(self, now_s: float) -> bool:
-        """Note a turn at a time that never jumps [s]; return whether silence may be believed."""
-        if now_s - self._last_s > self._slept_s:
-            self._believe_from_s = now_s + self._slept_s
+        """Note a turn at a time that never jumps [s]; return whether silence proves anything."""
+        if now_s - self._last_s > self._stall_s:
+            self._valid_from_s = now_s + self._stall_s
         self._last_s = now_s
-        return now_s >= self._believe_from_s
+        return now_s >= self._valid_from_s

@@ -90,7 +90,7 @@ def main() -> int:
 def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
     """Run the session and judge it."""
     # ROS's wheels start Python anew when they are first imported: before anything is done.
-    story_module = (
+    session_module = (
         None if arguments.rigid else importlib.import_module("cabols_sim.ros.demo_session")
     )
     output = arguments.output
@@ -105,21 +105,21 @@ def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
     asked = {} if arguments.plain else real_time_arguments()
     values = {**_values(arguments, bag, program.name), **asked}
     with Progress(program.duration) as progress:
-        story, on_start = None, None
-        if story_module is not None:
-            plan = story_module.StoryPlan(arguments.program, program.duration, arguments.speed)
+        session, on_start = None, None
+        if session_module is not None:
+            plan = session_module.DemoPlan(arguments.program, program.duration, arguments.speed)
             domain = int(environment["ROS_DOMAIN_ID"])
-            story = story_module.Story(plan, domain, progress.step)
-            on_start = story.start
+            session = session_module.DemoSession(plan, domain, progress.step)
+            on_start = session.start
         try:
             ended = run_bench(values, progress.line, output / "log", environment, on_start)
         finally:
-            if story is not None:
-                story.stop()
-    failure = _failure(ended, story, output / "log")
+            if session is not None:
+                session.stop()
+    failure = _failure(ended, session, output / "log")
     if failure:
         return fail(f"{failure}; the bag is {bag}", FAILED)
-    if not ended.first and not (story is not None and story.done):
+    if not ended.first and not (session is not None and session.done):
         print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
         return INTERRUPTED
     return _report(output, bag)
@@ -145,11 +145,11 @@ def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str,
     return {**values, "robot": True}
 
 
-def _failure(ended: Ended, story: Any, log: Path) -> str:
+def _failure(ended: Ended, session: Any, log: Path) -> str:
     """What went wrong; empty if nothing did, or Ctrl-C came."""
-    if story is not None and story.error is not None:
-        return str(story.error)
-    expected = ended.first == "load_program" and ended.code == 0 and story is None
+    if session is not None and session.error is not None:
+        return str(session.error)
+    expected = ended.first == "load_program" and ended.code == 0 and session is None
     if ended.first and not expected:
         return (
             f"{ended.first} ended with code {ended.code}; its output is "
@@ -203,7 +203,7 @@ def _report(output: Path, bag: Path) -> int:
     write_figures(run, output, summary)
     reproductions = run_all(output / "reproductions")
     write_report(output / "report.html", run, summary, reproductions)
-    for name in ("summary.json", "overview.png", "story.png", "report.html"):
+    for name in ("summary.json", "overview.png", "session.png", "report.html"):
         if (output / name).exists():
             print(f"  {output / name}")
     return 0

@@ -46,16 +46,16 @@ POLL_S = 0.1
 """Every look at what has arrived takes time from the rig's loops on a small machine."""
 
 
-class StoryError(CabolsError):
+class DemoSessionError(CabolsError):
     """A step did not come to its end."""
 
 
 class _InterruptedError(Exception):
-    """The graph is ending; the story ends with it."""
+    """The graph is ending; the session ends with it."""
 
 
 @dataclass(frozen=True)
-class StoryPlan:
+class DemoPlan:
     """What the operator does.
 
     Attributes:
@@ -73,7 +73,7 @@ class StoryPlan:
     reflector: int = 0
 
 
-class Story:
+class DemoSession:
     """Runs in a thread beside the graph, as a node `operator` in a context of its own.
 
     Attributes:
@@ -81,13 +81,13 @@ class Story:
         error: why not; None if nothing went wrong, also after an interruption.
     """
 
-    def __init__(self, plan: StoryPlan, domain: int, say: Callable[[str], None]) -> None:
+    def __init__(self, plan: DemoPlan, domain: int, say: Callable[[str], None]) -> None:
         """Plan; `say` is called with one line for each step. Nothing runs yet."""
         self._plan = plan
         self._say = say
         self._domain = domain
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="story", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="demo_session", daemon=True)
         self._mode: OperatingMode | None = None
         self._reason = ""
         self._running: set[str] = set()
@@ -255,25 +255,25 @@ class Story:
     def _expect(self, condition: bool, failure: str) -> None:
         if not condition:
             self._look_for_fault()
-            raise StoryError(failure)
+            raise DemoSessionError(failure)
 
     def _wait(self, condition: Callable[[], bool], what: Callable[[], str], seconds: float) -> None:
         """Wait for a condition.
 
         Raises:
-            StoryError: after so many seconds (at speed 1), or in FAULT.
+            DemoSessionError: after so many seconds (at speed 1), or in FAULT.
         """
         seconds /= min(self._plan.speed, 1.0)
         give_up = time.monotonic() + seconds
         while not condition():
             self._look_for_fault()
             if not time.monotonic() < give_up:
-                raise StoryError(f"waited {seconds:.0f} s in vain for {what()}")
+                raise DemoSessionError(f"waited {seconds:.0f} s in vain for {what()}")
             self._spin(POLL_S)
 
     def _look_for_fault(self) -> None:
         if self._mode == OperatingMode.FAULT:
-            raise StoryError(f"the rig is in FAULT: {self._reason}")
+            raise DemoSessionError(f"the rig is in FAULT: {self._reason}")
 
     def _pause(self, seconds: float) -> None:
         until = time.monotonic() + seconds / min(self._plan.speed, 1.0)
