@@ -14,6 +14,8 @@ from cabols_control.workspace.tool.command import main as workspace
 from cases import fails_today
 
 POSE = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
+BOX_M3 = 1.2
+"""Of the grid of poses."""
 
 
 def enclosed(stl):
@@ -26,30 +28,30 @@ def enclosed(stl):
     return float(np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0)
 
 
-class TestVolume:
-    BOX_M3 = 1.2
+@pytest.fixture(scope="module", params=[20, 50])
+def folder(request, tmp_path_factory):
+    """What the command leaves for a box of required wrenches, one orientation."""
+    folder = tmp_path_factory.mktemp("volume")
+    force, torque = str(request.param), str(request.param / 10)
+    words = "map --no-bodies --tilt 0 --scheduler inline --half-widths .6 .5 .5 --counts 9 9 9"
+    box = ["--box", force, force, force, torque, torque, torque]
+    assert workspace([*words.split(), *box, "--output", str(folder)]) == 0
+    return folder
 
-    @pytest.fixture(scope="class", params=[20, 50])
-    def folder(self, request, tmp_path_factory):
-        folder = tmp_path_factory.mktemp("volume")
-        force, torque = str(request.param), str(request.param / 10)
-        words = "map --no-bodies --tilt 0 --scheduler inline --half-widths .6 .5 .5 --counts 9 9 9"
-        box = ["--box", force, force, force, torque, torque, torque]
-        assert workspace([*words.split(), *box, "--output", str(folder)]) == 0
-        return folder
 
-    @fails_today(18, "the table's volume is larger than that of its mesh")
-    def test_volume_of_the_table_is_that_of_the_mesh(self, folder):
-        said = json.loads((folder / "workspace.json").read_text("utf-8"))
-        mesh = enclosed(folder / "wrench-feasible.stl")
-        assert said["feasible_volume_m3"] == pytest.approx(mesh, rel=0.05)
+@fails_today(18, "the table's volume is larger than that of its mesh")
+def test_volume_of_the_table_is_that_of_the_mesh(folder):
+    said = json.loads((folder / "workspace.json").read_text("utf-8"))
+    mesh = enclosed(folder / "wrench-feasible.stl")
+    assert said["feasible_volume_m3"] == pytest.approx(mesh, rel=0.05)
 
-    @fails_today(18, "a volume larger than the box of the grid")
-    def test_no_volume_is_larger_than_the_box(self, folder):
-        said = json.loads((folder / "workspace.json").read_text("utf-8"))
-        volumes = {key: value for key, value in said.items() if "volume" in key}
-        assert volumes
-        assert max(volumes.values()) <= self.BOX_M3 + 1e-9
+
+@fails_today(18, "a volume larger than the box of the grid")
+def test_no_volume_is_larger_than_the_box(folder):
+    said = json.loads((folder / "workspace.json").read_text("utf-8"))
+    volumes = {key: value for key, value in said.items() if "volume" in key}
+    assert volumes
+    assert max(volumes.values()) <= BOX_M3 + 1e-9
 
 
 @fails_today(18, "angles are relative in the map and absolute in the trajectory")
