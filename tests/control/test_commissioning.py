@@ -23,6 +23,7 @@ from cabols_control.configuration import read_yaml
 from cabols_control.errors import ShapeError
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.rig import load_rig
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
 from one_process import OneProcess
 
@@ -178,7 +179,7 @@ def test_fault_from_outside_ends_the_programme(loop, rig):
     loop.mode = OperatingMode.COMMISSIONING
     loop.controller.excitation = programme
     loop.run(0.1)
-    loop.controller.trip("supervisor is silent")
+    loop.controller.trip(Fault(FaultName.MODE_AGE, "supervisor is silent"))
     loop.cycle()
     assert "supervisor is silent" in programme.fault
     np.testing.assert_array_equal(loop.controller.current, 0.0)

@@ -298,7 +298,8 @@ def test_operator_watchdog_arms_with_an_operator_and_disarms_at_rest():
 @pytest.mark.parametrize("mode", MOVING)
 def test_abandoned_rig_comes_to_rest_from_every_mode(mode):
     machine = ModeMachine()
-    machine.mode, machine.pending = mode, OperatingMode.FREE_MOVING
+    machine.entry = machine.entry._replace(mode=mode)
+    machine.pending = OperatingMode.FREE_MOVING
     machine.abandon("unattended: test")
     if mode in (OperatingMode.LOADING, OperatingMode.UNLOADING):
         assert machine.mode == OperatingMode.UNLOADING

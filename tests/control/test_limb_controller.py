@@ -67,7 +67,7 @@ def test_stale_command_stops_until_stopped(controller, rig):
     assert not controller.fault
     late = 1.0 + timeout + 0.001
     assert (controller.step(loaded(late), OperatingMode.LOADING, setpoint(1.0)) == 0.0).all()
-    assert "stale" in controller.fault
+    assert "stale" in controller.fault.reason
     # A fresh command does not start it again; STOPPED clears it.
     late += 0.001
     assert (controller.step(loaded(late), OperatingMode.LOADING, setpoint(late)) == 0.0).all()
@@ -86,7 +86,7 @@ def test_stale_command_stops_until_stopped(controller, rig):
 def test_what_stops_a_load(controller, state, command, reason):
     current = controller.step(state, OperatingMode.LOADING, command)
     assert (current == 0.0).all()
-    assert reason in controller.fault
+    assert reason in controller.fault.reason
 
 
 @pytest.mark.parametrize(
@@ -101,14 +101,14 @@ def test_what_stops_a_load(controller, state, command, reason):
 def test_not_finite_stops_a_load(controller, state, command):
     controller.step(loaded(1.0), OperatingMode.LOADING, setpoint(1.0))
     assert (controller.step(state, OperatingMode.LOADING, command) == 0.0).all()
-    assert "not finite" in controller.fault
+    assert "not finite" in controller.fault.reason
 
 
 def test_nan_wound_length_stops_pretightening(controller):
     controller.step(sample(1.0), OperatingMode.PRETIGHTENING, None)
     lost = sample(1.001, wound=np.nan)
     assert (controller.step(lost, OperatingMode.PRETIGHTENING, None) == 0.0).all()
-    assert "not finite" in controller.fault
+    assert "not finite" in controller.fault.reason
 
 
 def test_nan_wound_length_at_rest_is_survived(controller):
@@ -130,7 +130,7 @@ def test_clock_that_is_set_back_stops_until_stopped(controller):
     controller.step(loaded(1000.0), load, setpoint(1000.0, 30.0))
     assert controller.step(loaded(1000.001), load, setpoint(1000.0, 30.0)).any()
     assert not controller.step(loaded(5.0), load, setpoint(5.0, 30.0)).any()
-    assert "went back by 995 s" in controller.fault
+    assert "went back by 995 s" in controller.fault.reason
     assert not controller.step(loaded(5.001), load, setpoint(5.0, 30.0)).any()
     controller.step(loaded(5.002), OperatingMode.STOPPED, None)
     assert not controller.fault
@@ -140,7 +140,7 @@ def test_clock_that_is_set_back_stops_until_stopped(controller):
 
 def test_command_from_the_future_is_stale(controller):
     controller.step(loaded(1.0), OperatingMode.LOADING, setpoint(9.0, 30.0))
-    assert "stale: -8000.0 ms old" in controller.fault
+    assert "stale: -8000.0 ms old" in controller.fault.reason
 
 
 def test_gap_restarts_without_a_bump(controller):

@@ -83,7 +83,7 @@ def test_wrench_controller_follows_tensions_before_a_wrench(rig):
         if k == 10:
             assert not controller.notice
         if k == 300:
-            assert "desired_tension is older" in controller.notice
+            assert "desired_tension is older" in controller.notice.reason
     # Taking over, the least tensions for the same wrench may differ from rest by the rest itself.
     assert max(steps) <= rig.holding_tension
     assert controller.active
@@ -107,4 +107,4 @@ def test_not_finite_wrench_ends_a_load_by_tensions_too(rig):
         controller.step(now_s, np.full(6, np.nan), OperatingMode.LOADING, None, wanted)
         now_s += PERIOD_S
     assert not controller.active
-    assert "not finite" in controller.fault
+    assert "not finite" in controller.fault.reason

@@ -21,6 +21,7 @@ from cabols_control.limb_control.references import (
 from cabols_control.naming import limb_name, limb_names
 from cabols_control.rig import Rig
 from cabols_control.supervision.clock import clock_fault
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
 
 LONGEST_STEP_S = 0.010
@@ -83,7 +84,7 @@ class LimbController:
     Attributes:
         limbs: (m,) indices of the limbs it drives.
         current: (m,) newest output [A].
-        fault: why the output is held at zero; empty while all is well.
+        fault: why the output is held at zero; None while all is well.
         unloaded: in UNLOADING, whether every zeroed limb is at the holding tension, within 3 N.
         excitation: commissioning programme that is waiting, running or over; None: none.
     """
@@ -122,13 +123,13 @@ class LimbController:
         self._pick: slice | IntArray = slice(None) if self._all else self.limbs
         self._last_stamp = -np.inf
         self.current: FloatArray = rows[6]
-        self.fault = ""
+        self.fault: Fault | None = None
         self.unloaded = False
         self.excitation: Excitation | None = None
 
-    def trip(self, reason: str) -> None:
-        """Hold the output at zero for a reason from outside; the first reason stays."""
-        self.fault = self.fault or reason
+    def trip(self, fault: Fault) -> None:
+        """Hold the output at zero for a fault from outside; the first fault stays."""
+        self.fault = self.fault or fault
 
     @property
     def saturated(self) -> BoolArray:
@@ -151,8 +152,8 @@ class LimbController:
             return self.current
         self._last_stamp = sample.stamp_s
         if mode == OperatingMode.STOPPED:
-            self.fault = ""
-        if not self.fault and mode == OperatingMode.LOADING:
+            self.fault = None
+        if self.fault is None and mode == OperatingMode.LOADING:
             self.fault = self._why_not_load(sample, setpoint)
         entered = mode != self._mode
         self._mode = mode
@@ -169,7 +170,10 @@ class LimbController:
             self._restart(self._changed)
         if dt_s <= LONGEST_STEP_S:
             if not self._law.advance(self._reference, self._position, dt_s):
-                self.fault = "not finite: tension_command, or limb_state's elongation or tension"
+                self.fault = Fault(
+                    FaultName.NOT_FINITE,
+                    "not finite: tension_command, or limb_state's elongation or tension",
+                )
                 return self._rest()
             self.current[:] = self._law.current
         override_into(self._present, wanted, self._control.current_limit, self.current)
@@ -225,25 +229,28 @@ class LimbController:
             self._last_stamp = stamp_s
         return bool(usual)
 
-    def _why_not_load(self, sample: LimbSample, setpoint: TensionSetpoint | None) -> str:
+    def _why_not_load(self, sample: LimbSample, setpoint: TensionSetpoint | None) -> Fault | None:
         if setpoint is None:
-            return "no tension_command has arrived: is the wrench controller running?"
+            reason = "no tension_command has arrived: is the wrench controller running?"
+            return Fault(FaultName.TENSION_AGE, reason)
         age = sample.stamp_s - setpoint.stamp_s
         # A command from the future is no fresher: a clock was set back.
         if not abs(age) <= self._timeout:
-            return (
+            return Fault(
+                FaultName.TENSION_AGE,
                 f"tension_command is stale: {1e3 * age:.1f} ms old, "
-                f"{1e3 * self._timeout:.1f} ms allowed"
+                f"{1e3 * self._timeout:.1f} ms allowed",
             )
         if b"\x00" in sample.zeroed[self._pick].tobytes():
             missing = self.limbs[~sample.zeroed[self.limbs].astype(bool)]
-            return f"not pre-tightened: {limb_names(missing)}"
-        return ""
+            reason = f"not pre-tightened: {limb_names(missing)}"
+            return Fault(FaultName.NOT_ZEROED, reason)
+        return None
 
     def _watch_excitation(self, excitation: Excitation, mode: OperatingMode, dt_s: float) -> None:
         """End a programme that may not go on; its limbs then rest."""
         if self.fault:
-            excitation.abort(self.fault)
+            excitation.abort(self.fault.reason)
         elif excitation.started and mode != OperatingMode.COMMISSIONING:
             excitation.abort(f"the mode became {mode.name}")
         elif excitation.started and not dt_s <= self._timeout:

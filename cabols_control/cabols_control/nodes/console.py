@@ -162,7 +162,7 @@ class ConsoleNode(ControlNode):
         if self._turns % HEARTBEAT_EVERY == 0:
             self._beat()
         self.status.work.add(time.monotonic() - began)
-        self.status.cycle(time.time_ns(), RUNNING, "")
+        self.status.cycle(time.time_ns(), RUNNING)
 
     def _beat(self) -> None:
         """Tell whether an operator's page answers; a console that dies tells nothing any more."""

@@ -15,6 +15,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_limbs, warm_loaded_step
 
@@ -44,7 +45,7 @@ class LimbControllerNode(ControlNode):
         self._state = Input(self, "limb_state", state_layout, lockstep)
         commands = topics.tension_command_layout(geometry)
         self._command = Input(self, "tension_command", commands, lockstep)
-        self._mode = Input(self, "mode", topics.mode_layout(""), lockstep, every=SLOW_INPUT)
+        self._mode = Input(self, "mode", topics.mode_layout(), lockstep, every=SLOW_INPUT)
         self._mode.awaited = not declare_robot(self)
         layout = topics.motor_current_layout(geometry, len(limbs))
         self._answer = layout.record()
@@ -126,23 +127,27 @@ class LimbControllerNode(ControlNode):
         answer["saturated"][:] = self._controller.saturated
 
     def _report(self) -> None:
-        reason = self._controller.fault
+        fault = self._controller.fault
         complete = self._command.count > 0 and self._mode.count > 0
-        state = FAULT if reason else RUNNING if complete else WAITING
-        self.status.cycle(self._state.stamp_ns, state, reason)
+        state = FAULT if fault is not None else RUNNING if complete else WAITING
+        self.status.cycle(self._state.stamp_ns, state, fault)
         self.tidy()
+
+    def _trip(self, name: FaultName, reason: str) -> None:
+        self._controller.trip(Fault(name, reason))
 
     def _sample(self, record: np.void) -> LimbSample:
         if record["limb"].tobytes() != self._expected_limbs:
-            self._controller.trip(
+            self._trip(
+                FaultName.MESSAGE,
                 f"limb_state: expected the indices 0 to {self._cables.size - 1} in order, "
-                f"got {record['limb'].tolist()}"
+                f"got {record['limb'].tolist()}",
             )
         return _sample_of(record, 1e-9 * self._state.stamp_ns)
 
     def _present_mode(self) -> OperatingMode:
         if self._state.error:
-            self._controller.trip(self._state.error)
+            self._trip(FaultName.MESSAGE, self._state.error)
         if self._mode.record is None:
             return OperatingMode.STOPPED
         if self._mode.count != self._mode_count:
@@ -151,13 +156,13 @@ class LimbControllerNode(ControlNode):
         mode = self.seen_mode
         age = 1e-9 * (self._state.stamp_ns - self._mode.stamp_ns)
         if mode in MOVING and not age <= MODE_TIMEOUT_S:
-            self._controller.trip(f"mode is {age:.1f} s old: the supervisor is silent")
+            self._trip(FaultName.MODE_AGE, f"mode is {age:.1f} s old: the supervisor is silent")
         return mode
 
     def _hear_command(self) -> TensionSetpoint | None:
         """Return the newest tension command; read once, in the pause if it comes by then."""
         if self._command.error:
-            self._controller.trip(self._command.error)
+            self._trip(FaultName.MESSAGE, self._command.error)
         if self._command.count != self._command_count:
             self._command_count = self._command.count
             self._setpoint = self._read_command(self._command.record)
@@ -167,9 +172,10 @@ class LimbControllerNode(ControlNode):
 
     def _read_command(self, record: np.void) -> TensionSetpoint | None:
         if record["limb"].tobytes() != self._expected_limbs:
-            self._controller.trip(
+            self._trip(
+                FaultName.MESSAGE,
                 f"tension_command: expected the indices 0 to {self._cables.size - 1} in order, "
-                f"got {record['limb'].tolist()}"
+                f"got {record['limb'].tolist()}",
             )
             return None
         limbs = self._controller.limbs

@@ -59,7 +59,7 @@ class LoadProgramNode(ControlNode):
         layout = topics.wrench_layout(self.rig.geometry.base_frame)
         self._record = layout.record()
         self._output = self.advertise("desired_wrench")
-        self._mode = Input(self, "mode", topics.mode_layout(""), self.lockstep)
+        self._mode = Input(self, "mode", topics.mode_layout(), self.lockstep)
         # The slow copy: nothing here needs the pose at the control rate.
         poses = topics.pose_layout(self.rig.geometry)
         self._pose = Input(self, live_name("platform_pose"), poses)
@@ -127,7 +127,7 @@ class LoadProgramNode(ControlNode):
         with self._lock:
             self._advance(1e-9 * stamp_ns)
             self._publish(stamp_ns)
-        self.status.cycle(stamp_ns, RUNNING, "")
+        self.status.cycle(stamp_ns, RUNNING)
         self._end_if_asked()
 
     def _end_if_asked(self) -> None:

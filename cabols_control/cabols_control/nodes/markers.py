@@ -55,7 +55,7 @@ class MarkersNode(ControlNode):
         self._publisher.publish(
             MarkerArray(markers=[marker(s, i, base, stamp) for i, s in enumerate(shapes)])
         )
-        self.status.cycle(time.time_ns(), RUNNING, "")
+        self.status.cycle(time.time_ns(), RUNNING)
 
 
 def marker(shape: Shape, number: int, frame: str, stamp: Any) -> Marker:

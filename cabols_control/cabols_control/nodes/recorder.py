@@ -150,7 +150,7 @@ class RecorderNode(ControlNode):
 
     def _report_idle(self) -> None:
         if self._recording is None and not self.lockstep:
-            self.status.publish(self.get_clock().now().nanoseconds, WAITING, "")
+            self.status.publish(self.get_clock().now().nanoseconds, WAITING)
 
     def _rig_texts(self) -> dict[str, str]:
         """Return content and hash of the rig's files."""

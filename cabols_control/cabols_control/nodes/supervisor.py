@@ -20,10 +20,11 @@ from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.ticker import Ticker
-from cabols_control.supervision.modes import MOVING
+from cabols_control.supervision.faults import Fault, FaultName, fault_name
+from cabols_control.supervision.modes import MOVING, Entry, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.starvation import StarvationWatch
-from cabols_control.supervision.supervisor import EMERGENCY, Supervision, SupervisionConfig
+from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 
 PERIOD_S = 0.02
 NEWS_S = 0.06
@@ -70,7 +71,7 @@ class SupervisorNode(ControlNode):
         self._state = self._input("limb_state", topics.limb_state_layout(self.rig.geometry))
         self._pose = self._input("platform_pose", topics.pose_layout(self.rig.geometry))
         self._output = self.advertise("mode")
-        self._published: tuple[int, str] = (-1, "")
+        self._published: Entry | None = None
         self._ticks = 0
         self._starvation = StarvationWatch(NEWS_S)
         self.create_subscription(
@@ -133,10 +134,16 @@ class SupervisorNode(ControlNode):
         if self._pose.take():
             self._core.hear_pose(1e-9 * self._pose.stamp_ns, self._pose.record["pose"][:3])
         record = self._state.record
-        self._core.hear_state(stamp_s, record["zeroed"], record["tension"])
+        self._core.hear_state(
+            stamp_s,
+            record["zeroed"],
+            record["tension"],
+            zeroing=int(record["zeroing"]),
+            followed=int(record["mode"]),
+        )
 
     def _changed(self) -> bool:
-        return (int(self._core.mode), self._core.reason) != self._published
+        return self._core.entry != self._published
 
     def _now_s(self) -> float:
         """Present time on the clock of the limb states' stamps."""
@@ -146,27 +153,32 @@ class SupervisorNode(ControlNode):
         return 1e-9 * (self._state.stamp_ns + since)
 
     def _publish(self) -> None:
+        entry = self._core.entry
         if self._changed():
-            self.status.log.info(f"mode {self._core.mode.name}: {self._core.reason}")
-        self._published = (int(self._core.mode), self._core.reason)
-        record = topics.mode_layout(self._core.reason).record()
+            self.status.log.info(f"mode {entry.mode.name}: {entry.reason}")
+        self._published = entry
+        record = topics.mode_layout(entry.reason, entry.fault or "").record()
         record.stamp(int(1e9 * self._now_s()) if not self.paced else self._state.stamp_ns)
-        record["mode"][0] = int(self._core.mode)
+        record["mode"][0] = int(entry.mode)
+        record["cause"][0] = int(entry.cause)
+        record["zeroing"][0] = entry.zeroing
         self._output.publish(record.raw())
-        latched = self._core.mode.name == "FAULT"
-        self.status.cycle(
-            self._state.stamp_ns,
-            FAULT if latched else RUNNING,
-            self._core.reason if latched else "",
-        )
+        if entry.mode == OperatingMode.FAULT:
+            fault = Fault(entry.fault or FaultName.OTHER, entry.reason)
+            self.status.cycle(self._state.stamp_ns, FAULT, fault)
+        else:
+            self.status.cycle(self._state.stamp_ns, RUNNING)
 
     def _hear_status(self, message: LoopStatus) -> None:
         if message.node == self.get_name():
             return
-        fault = message.reason if message.state == LoopStatus.FAULT else ""
+        in_fault = message.state == LoopStatus.FAULT
+        name = fault_name(message.fault, in_fault)
+        fault = Fault(name, message.reason) if in_fault and name is not None else None
+        stamp_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         with self._lock:
             running = message.state == LoopStatus.RUNNING
-            self._core.hear_report(message.node, self._now_s(), running, fault)
+            self._core.hear_report(message.node, self._now_s(), running, fault, stamp_s)
             self._publish_change()
 
     def _hear_operator(self, message: Heartbeat) -> None:
@@ -180,6 +192,7 @@ class SupervisorNode(ControlNode):
             verdict = self._core.request(request.mode, self._now_s())
             self._publish_change()
         response.success, response.message = verdict.allowed, verdict.reason
+        response.code, response.fault = int(verdict.code), str(verdict.fault or "")
         return response
 
     def _await_news(self) -> None:
@@ -192,7 +205,7 @@ class SupervisorNode(ControlNode):
     def _emergency_stop(self, request: Any, response: Any) -> Any:
         del request
         with self._lock:
-            self._core.emergency_stop(EMERGENCY)
+            self._core.emergency_stop("emergency stop")
             self._publish_change()
         response.success, response.message = True, "stopped; call reset to go on"
         return response

@@ -13,6 +13,7 @@ from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.rotations import read_pose
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
@@ -51,7 +52,7 @@ class WrenchControllerNode(ControlNode):
         # A robot reports at its own rate, so that even in lockstep its newest pose is used.
         robot = declare_robot(self)
         self._pose.awaited = self._wanted.awaited = not robot
-        self._mode = Input(self, "mode", topics.mode_layout(""), lockstep, every=SLOW_INPUT)
+        self._mode = Input(self, "mode", topics.mode_layout(), lockstep, every=SLOW_INPUT)
         self._mode.awaited = not robot
         layout = topics.tension_command_layout(geometry)
         self._answer = layout.record()
@@ -66,7 +67,7 @@ class WrenchControllerNode(ControlNode):
         self._pose_count = 0
         self._pose_seen_ns = 0
         self._frames = ("", geometry.base_frame)
-        self._refused = ""
+        self._refused: Fault | None = None
         self._pose_bytes = b""
         companions = [self._mode, self._pose, self._wanted, self._wanted_tension]
         self._loop = ControlLoop(self, self._wrench, companions, self._step, self.lockstep)
@@ -118,10 +119,11 @@ class WrenchControllerNode(ControlNode):
         controller = self._controller
         self.status.lost = self._wrench.lost
         self.status.infeasible = controller.infeasible_cycles
-        reason = controller.fault or controller.notice or self._refused
+        trouble = controller.fault or controller.notice or self._refused
         complete = self._pose.count > 0 and self._mode.count > 0
-        state = FAULT if controller.fault else RUNNING if complete else WAITING
-        self.status.cycle(self._wrench.stamp_ns, state, reason)
+        ready = RUNNING if complete else WAITING
+        state = FAULT if controller.fault is not None else ready
+        self.status.cycle(self._wrench.stamp_ns, state, trouble)
         self.tidy()
 
     def _present_mode(self) -> OperatingMode:
@@ -130,8 +132,15 @@ class WrenchControllerNode(ControlNode):
         mode = OperatingMode(int(self._mode.record["mode"]))
         age = 1e-9 * abs(self._wrench.stamp_ns - self._pose_seen_ns)
         if mode == OperatingMode.LOADING and self._pose.count and not age <= POSE_TIMEOUT_S:
-            self._controller.trip(f"platform_pose is {age:.1f} s old")
+            self._trip(FaultName.POSE_AGE, f"platform_pose is {age:.1f} s old")
         return mode
+
+    def _trip(self, name: FaultName, reason: str) -> None:
+        self._controller.trip(Fault(name, reason))
+
+    def _refuse(self, reason: str) -> None:
+        """Keep what was desired before; not a fault, but it is told."""
+        self._refused = Fault(FaultName.DESIRED, reason)
 
     def _take_pose(self) -> None:
         """Decompose the structure matrix again only if the pose has changed."""
@@ -147,8 +156,9 @@ class WrenchControllerNode(ControlNode):
         values = np.frombuffer(content)
         pose = read_pose(values)
         if pose is None:
-            self._controller.trip(
-                f"platform_pose: expected a finite position and a unit quaternion, got {values}"
+            self._trip(
+                FaultName.POSE,
+                f"platform_pose: expected a finite position and a unit quaternion, got {values}",
             )
             return
         self._controller.set_pose(*pose)
@@ -156,7 +166,7 @@ class WrenchControllerNode(ControlNode):
     def _take_desired(self) -> None:
         """Accept a finite desired wrench in base axes; keep the last one otherwise."""
         if self._wanted.error:
-            self._refused = self._wanted.error
+            self._refuse(self._wanted.error)
         if self._wanted.count == self._desired_count:
             return
         self._desired_count = self._wanted.count
@@ -164,18 +174,18 @@ class WrenchControllerNode(ControlNode):
         frame = self._frame()
         values = np.array(record["wrench"])
         if frame not in self._frames:
-            self._refused = f"desired_wrench: expected frame {self._frames[1]}, got {frame}"
+            self._refuse(f"desired_wrench: expected frame {self._frames[1]}, got {frame}")
         elif not np.isfinite(values).all():
-            self._refused = f"desired_wrench: expected finite numbers, got {values.tolist()}"
+            self._refuse(f"desired_wrench: expected finite numbers, got {values.tolist()}")
         else:
-            self._refused = ""
+            self._refused = None
             # Its age, too, counts from arrival: a programme may run on another machine.
             self._desired = DesiredWrench(1e-9 * self._wrench.stamp_ns, values)
 
     def _take_tension(self) -> None:
         """Accept finite desired tensions of all limbs; keep the last ones otherwise."""
         if self._wanted_tension.error:
-            self._refused = self._wanted_tension.error
+            self._refuse(self._wanted_tension.error)
         if self._wanted_tension.count == self._tension_count:
             self._excuse_tension()
             return
@@ -183,12 +193,12 @@ class WrenchControllerNode(ControlNode):
         record = self._wanted_tension.record
         values = np.array(record["tension"])
         if record["limb"].tobytes() != self._limbs or not np.isfinite(values).all():
-            self._refused = (
+            self._refuse(
                 f"desired_tension: expected finite numbers for the indices 0 to "
                 f"{values.size - 1} in order, got {values.tolist()} for {record['limb'].tolist()}"
             )
         else:
-            self._refused = ""
+            self._refused = None
             self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, values)
 
     def _excuse_tension(self) -> None:

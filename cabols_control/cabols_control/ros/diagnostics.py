@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+
+from cabols_control.supervision.faults import Fault
 
 PERIOD_S = 1.0
 """Not oftener: whatever an executor does keeps its process' control loop waiting for 0.7 ms."""
@@ -14,17 +17,29 @@ LEVELS = {0: DiagnosticStatus.WARN, 1: DiagnosticStatus.OK, 2: DiagnosticStatus.
 RUNNING = 1
 
 
+class Health(NamedTuple):
+    """How a node fares.
+
+    Attributes:
+        state: LoopStatus' number.
+        fault: what is not well; None for nothing.
+        values: more to show, by name.
+    """
+
+    state: int
+    fault: Fault | None
+    values: dict[str, object]
+
+
 class Diagnostics:
     """Publishes one DiagnosticStatus of a node at 1 Hz, and when it is told to."""
 
-    def __init__(
-        self, node: Node, read: Callable[[], tuple[int, str, dict[str, object]]], hardware: str
-    ) -> None:
+    def __init__(self, node: Node, read: Callable[[], Health], hardware: str) -> None:
         """Advertise /diagnostics.
 
         Args:
             node: owner; its executor calls.
-            read: returns LoopStatus' state, the reason, and values to show.
+            read: returns how the node fares.
             hardware: what the node stands for.
         """
         self._node = node
@@ -35,19 +50,21 @@ class Diagnostics:
 
     def tell(self) -> None:
         """Publish what is read now; for the executor's thread."""
-        state, reason, values = self._read()
+        health = self._read()
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        message.status = [self._status(state, reason, values)]
+        message.status = [self._status(health)]
         self._publisher.publish(message)
 
-    def _status(self, state: int, reason: str, values: dict[str, object]) -> DiagnosticStatus:
+    def _status(self, health: Health) -> DiagnosticStatus:
+        state, fault, values = health
         level = LEVELS.get(state, DiagnosticStatus.STALE)
-        if state == RUNNING and reason:
+        if state == RUNNING and fault is not None:
             level = DiagnosticStatus.WARN
-        said = reason or ("running" if state == RUNNING else "waiting for its inputs")
-        fault = reason.partition(":")[0] if level == DiagnosticStatus.ERROR else ""
-        shown = {"fault": fault, **values}
+        said = "running" if state == RUNNING else "waiting for its inputs"
+        if fault is not None:
+            said = fault.reason
+        shown = {"fault": "" if fault is None else fault.name.value, **values}
         return DiagnosticStatus(
             level=level,
             name=f"cabols: {self._node.get_name()}",

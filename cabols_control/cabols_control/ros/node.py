@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from functools import lru_cache
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -20,7 +21,7 @@ from cabols_control.realtime.scheduling import (
     give_back,
 )
 from cabols_control.ros import topics, transport
-from cabols_control.ros.diagnostics import Diagnostics
+from cabols_control.ros.diagnostics import Diagnostics, Health
 from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Output
@@ -32,6 +33,7 @@ from cabols_control.ros.parameters import (
     declare_scheduling,
 )
 from cabols_control.ros.statistics import Durations
+from cabols_control.supervision.faults import Fault
 from cabols_control.topics import NAMESPACE
 
 RCLError = rclpy_implementation.RCLError
@@ -53,8 +55,9 @@ class Status:
         self._name = node.get_name()
         self._output = Output(node, "loop_status")
         self._lockstep = lockstep
-        self._layouts = {"": topics.loop_status_layout(self._name, "")}
-        self._reported: tuple[int, str] = (-1, "")
+        self._layout = lru_cache(maxsize=16)(topics.loop_status_layout)
+        self._layout(self._name, "")
+        self._reported: tuple[int, Fault | None] = (-1, None)
         self.log = LoopLog(node)
         self.on_change: Callable[[], object] = lambda: None
         self.cycles = 0
@@ -64,22 +67,27 @@ class Status:
         self.work = Durations()
         self.round_trip = Durations()
 
-    def cycle(self, stamp_ns: int, state: int, reason: str) -> None:
-        """Count one cycle; publish if it is time or if the state has changed."""
+    def cycle(self, stamp_ns: int, state: int, fault: Fault | None = None) -> None:
+        """Count one cycle; publish if it is time or if the state has changed.
+
+        Args:
+            stamp_ns: of the newest sample that the loop has handled [ns].
+            state: WAITING, RUNNING or FAULT.
+            fault: what is not well; with another state than FAULT it stops nothing.
+        """
         self.cycles += 1
-        changed = (state, reason) != self._reported
+        changed = (state, fault) != self._reported
         if changed or self.cycles % REPORT_EVERY == 0:
-            self.publish(stamp_ns, state, reason)
+            self.publish(stamp_ns, state, fault)
         if changed:
-            self._log(state, reason)
-            self._reported = (state, reason)
+            self._log(state, fault)
+            self._reported = (state, fault)
             self.on_change()
 
-    def publish(self, stamp_ns: int, state: int, reason: str) -> None:
-        """Send one report."""
-        if reason not in self._layouts:
-            self._layouts[reason] = topics.loop_status_layout(self._name, reason)
-        record = self._layouts[reason].record()
+    def publish(self, stamp_ns: int, state: int, fault: Fault | None = None) -> None:
+        """Send one report; arguments as for cycle."""
+        reason, name = ("", "") if fault is None else (fault.reason, fault.name.value)
+        record = self._layout(self._name, reason, name).record()
         record.stamp(max(stamp_ns, 0))
         record["state"][0] = state
         for name in ("cycles", "lost", "late", "infeasible"):
@@ -89,15 +97,16 @@ class Status:
             record["round_trip"][0], record["round_trip_p99"][0] = self.round_trip.summary()
         self._output.publish(record.raw())
 
-    def snapshot(self) -> tuple[int, str, dict[str, object]]:
-        """Return the newest state, reason and counters."""
-        state, reason = self._reported
+    def snapshot(self) -> Health:
+        """Return the newest state, fault and counters."""
+        state, fault = self._reported
         counted = ("cycles", "lost", "late", "infeasible")
-        return max(state, WAITING), reason, {name: getattr(self, name) for name in counted}
+        counters = {name: getattr(self, name) for name in counted}
+        return Health(max(state, WAITING), fault, counters)
 
-    def _log(self, state: int, reason: str) -> None:
+    def _log(self, state: int, fault: Fault | None) -> None:
         if state == FAULT:
-            self.log.error(reason)
+            self.log.error("fault without a reason" if fault is None else fault.reason)
         elif self._reported[0] == FAULT:
             self.log.info("fault cleared")
 

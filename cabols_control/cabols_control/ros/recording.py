@@ -186,4 +186,4 @@ class Recording:
         status.cycles = sum(topic.count for topic in self._topics)
         status.lost = sum(topic.missing.lost for topic in self._topics)
         stamp_ns = first_stamp(self._newest_raw) if self._newest_raw else 0
-        status.publish(stamp_ns, RUNNING if self._newest_raw else WAITING, "")
+        status.publish(stamp_ns, RUNNING if self._newest_raw else WAITING)

@@ -98,11 +98,11 @@ def pose_layout(geometry: RigGeometry) -> Layout:
     )
 
 
-def mode_layout(reason: str) -> Layout:
-    """Mode with a reason."""
-    return Layout(Mode, strings={"reason": reason})
+def mode_layout(reason: str = "", fault: str = "") -> Layout:
+    """Mode with a reason and a fault's name."""
+    return Layout(Mode, strings={"reason": reason, "fault": fault})
 
 
-def loop_status_layout(node: str, reason: str) -> Layout:
-    """LoopStatus of a node with a reason."""
-    return Layout(LoopStatus, strings={"node": node, "reason": reason})
+def loop_status_layout(node: str, reason: str, fault: str = "") -> Layout:
+    """LoopStatus of a node with a reason and a fault's name."""
+    return Layout(LoopStatus, strings={"node": node, "reason": reason, "fault": fault})

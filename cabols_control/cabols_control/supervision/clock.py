@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from cabols_control.supervision.faults import Fault, FaultName
+
 CLOCK_BACK_S = 0.010
 """A sample that is so much older than the one before comes from another clock."""
 
 
-def clock_fault(topic: str, dt_s: float) -> str:
-    """Return why a sample's clock cannot be followed; empty if it can.
+def clock_fault(topic: str, dt_s: float) -> Fault | None:
+    """Return the fault of a sample whose clock cannot be followed; None if it can.
 
     What was known before would seem fresh for as long as the jump.
 
@@ -16,5 +18,6 @@ def clock_fault(topic: str, dt_s: float) -> str:
         dt_s: its stamp less the one's before [s].
     """
     if not dt_s < -CLOCK_BACK_S:
-        return ""
-    return f"{topic}'s clock went back by {-dt_s:.3g} s: was the bridge restarted?"
+        return None
+    reason = f"{topic}'s clock went back by {-dt_s:.3g} s: was the bridge restarted?"
+    return Fault(FaultName.CLOCK, reason)

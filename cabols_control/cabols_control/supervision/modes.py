@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from cabols_control.checks import BoolArray
 from cabols_control.naming import limb_names
+from cabols_control.result_code import ResultCode
+from cabols_control.supervision.faults import Fault, FaultName
 
 
 class OperatingMode(IntEnum):
@@ -21,6 +24,20 @@ class OperatingMode(IntEnum):
     COMMISSIONING = 6
 
 
+class Cause(IntEnum):
+    """Why a mode was entered; same numbers as the CAUSE_* of cabols_msgs/Mode."""
+
+    UNKNOWN = 0
+    START = 1
+    REQUEST = 2
+    ON_THE_WAY = 3
+    UNLOADED = 4
+    UNATTENDED = 5
+    RESET = 6
+    FAULT = 7
+    EMERGENCY_STOP = 8
+
+
 MOVING = (
     OperatingMode.PRETIGHTENING,
     OperatingMode.LOADING,
@@ -29,12 +46,6 @@ MOVING = (
     OperatingMode.COMMISSIONING,
 )
 """Modes in which currents may flow."""
-
-UNATTENDED = "unattended"
-"""How the reason begins of a mode that was entered because no operator's console answers."""
-
-OVERLOAD = "sensor_saturated"
-"""How a bridge's complaint begins of a load that is beyond the sensor: FREE_MOVING takes it off."""
 
 LOADED = (OperatingMode.LOADING, OperatingMode.UNLOADING)
 """Modes in which the tensions are the wrench's, or on their way down from it."""
@@ -70,10 +81,40 @@ NEXT: dict[OperatingMode, tuple[OperatingMode, ...]] = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a transition is allowed, and why."""
+    """Whether a transition is allowed, and why.
 
-    allowed: bool
+    Attributes:
+        code: DONE, or why not.
+        reason: the same for people.
+        fault: that keeps the rig from it, if one does.
+    """
+
+    code: ResultCode
     reason: str
+    fault: FaultName | None = None
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the transition is allowed."""
+        return self.code == ResultCode.DONE
+
+
+class Entry(NamedTuple):
+    """How the present mode was entered: what message Mode tells.
+
+    Attributes:
+        mode: present mode.
+        cause: why it was entered.
+        reason: the same for people.
+        fault: in FAULT, which; None otherwise.
+        zeroing: counts entries into PRETIGHTENING.
+    """
+
+    mode: OperatingMode
+    cause: Cause
+    reason: str
+    fault: FaultName | None
+    zeroing: int
 
 
 @dataclass(frozen=True)
@@ -95,20 +136,45 @@ STANDSTILL_M_PER_S = 0.005
 """Slower than this the platform stands still: a pose's noise, not a motion."""
 
 
+ZEROINGS = 2**32
+"""Mode.zeroing is a uint32."""
+
+
 class ModeMachine:
     """The rig's mode: legal transitions, their conditions, the latch of FAULT.
 
     Attributes:
-        mode: present mode.
-        reason: why it was entered.
+        entry: present mode and how it was entered; replaced as a whole.
         pending: where UNLOADING leads; None in other modes.
+        zeroing_seen: newest LimbState.zeroing; the next pre-tightening gets a number beyond it, so
+            that a supervisor that begins anew does not take an older one's zeros for its own.
     """
 
     def __init__(self) -> None:
         """Start in STOPPED."""
-        self.mode = OperatingMode.STOPPED
-        self.reason = "start"
+        self.entry = Entry(OperatingMode.STOPPED, Cause.START, "start", None, 0)
         self.pending: OperatingMode | None = None
+        self.zeroing_seen = 0
+
+    @property
+    def mode(self) -> OperatingMode:
+        """Present mode."""
+        return self.entry.mode
+
+    @property
+    def reason(self) -> str:
+        """Why it was entered, for people."""
+        return self.entry.reason
+
+    def _enter(
+        self, mode: OperatingMode, cause: Cause, reason: str, fault: FaultName | None = None
+    ) -> None:
+        zeroing = self.entry.zeroing
+        if mode == OperatingMode.PRETIGHTENING and self.mode != mode:
+            zeroing = (max(zeroing, self.zeroing_seen) + 1) % ZEROINGS or 1
+        if mode != OperatingMode.UNLOADING:
+            self.pending = None
+        self.entry = Entry(mode, cause, reason, fault, zeroing)
 
     def request(self, wanted: int, condition: Condition) -> Verdict:
         """Go to another mode if that is legal now; `wanted` is its number."""
@@ -116,82 +182,97 @@ class ModeMachine:
             mode = OperatingMode(wanted)
         except ValueError:
             known = ", ".join(f"{m.value} {m.name}" for m in OperatingMode)
-            return Verdict(False, f"mode: expected one of {known}, got {wanted}")
+            return Verdict(ResultCode.BAD_REQUEST, f"mode: expected one of {known}, got {wanted}")
         verdict = self._judge(mode, condition)
         if not verdict.allowed or mode == self.mode:
             return verdict
         if self.mode in LOADED:
             self.pending = mode
-            self.mode, self.reason = OperatingMode.UNLOADING, f"on the way to {mode.name}"
-            return Verdict(True, f"unloading, then {mode.name}")
-        self.mode, self.reason = mode, verdict.reason
+            self._enter(OperatingMode.UNLOADING, Cause.ON_THE_WAY, f"on the way to {mode.name}")
+            return Verdict(ResultCode.DONE, f"unloading, then {mode.name}")
+        self._enter(mode, Cause.REQUEST, verdict.reason)
         return verdict
 
     def abandon(self, reason: str) -> None:
         """Bring a rig that nobody watches to rest: through UNLOADING if it is loaded."""
         if self.mode in LOADED:
             self.pending = OperatingMode.STOPPED
-            self.mode, self.reason = OperatingMode.UNLOADING, reason
+            self._enter(OperatingMode.UNLOADING, Cause.UNATTENDED, reason)
         elif self.mode in MOVING:
-            self.mode, self.reason = OperatingMode.STOPPED, reason
+            self._enter(OperatingMode.STOPPED, Cause.UNATTENDED, reason)
 
     def unloaded(self) -> None:
         """Go from UNLOADING to where it leads."""
-        if self.pending is not None:
-            told = self.reason if self.reason.startswith(UNATTENDED) else "unloaded"
-            self.mode, self.reason, self.pending = self.pending, told, None
+        if self.pending is None:
+            return
+        if self.entry.cause == Cause.UNATTENDED:
+            self._enter(self.pending, Cause.UNATTENDED, self.reason)
+        else:
+            self._enter(self.pending, Cause.UNLOADED, "unloaded")
 
     def _judge(self, mode: OperatingMode, condition: Condition) -> Verdict:
         if mode in (OperatingMode.FAULT, OperatingMode.UNLOADING):
-            return Verdict(False, f"{mode.name} cannot be asked for")
+            return Verdict(ResultCode.BAD_REQUEST, f"{mode.name} cannot be asked for")
         if self.mode == OperatingMode.FAULT:
-            return Verdict(False, f"FAULT is latched ({self.reason}): mend the cause, call reset")
+            return Verdict(
+                ResultCode.FAULT_LATCHED,
+                f"FAULT is latched ({self.reason}): mend the cause, call reset",
+                self.entry.fault,
+            )
         if mode == self.mode:
-            return Verdict(True, "requested")
+            return Verdict(ResultCode.DONE, "requested")
         if mode not in NEXT[self.mode]:
             before = [m.name for m, following in NEXT.items() if mode in following]
             return Verdict(
-                False, f"{mode.name} follows {' or '.join(before)}, the mode is {self.mode.name}"
+                ResultCode.WRONG_MODE,
+                f"{mode.name} follows {' or '.join(before)}, the mode is {self.mode.name}",
             )
         if mode == OperatingMode.STOPPED:
-            return Verdict(True, "requested")
+            return Verdict(ResultCode.DONE, "requested")
         return self._judge_motion(mode, condition)
 
     def _judge_motion(self, mode: OperatingMode, condition: Condition) -> Verdict:
         """Judge a mode in which currents flow."""
         if condition.zeroed is None or not condition.fresh:
-            return Verdict(False, "no limb state arrives: is the bridge running?")
+            return Verdict(ResultCode.NOT_READY, "no limb state arrives: is the bridge running?")
         slack = [i for i, done in enumerate(condition.zeroed) if not done]
         after_tightening = self.mode == OperatingMode.PRETIGHTENING
         needs_zeros = mode == OperatingMode.LOADING or (
             mode == OperatingMode.COMMISSIONING and after_tightening
         )
         if needs_zeros and slack:
-            return Verdict(False, f"not pre-tightened yet: {limb_names(slack)}")
+            return Verdict(ResultCode.NOT_ZEROED, f"not pre-tightened yet: {limb_names(slack)}")
         stands = condition.platform_speed <= STANDSTILL_M_PER_S
         if mode != OperatingMode.FREE_MOVING and not stands:
             return Verdict(
-                False,
+                ResultCode.PLATFORM_MOVES,
                 f"{mode.name} needs a platform that stands still; it moves at "
                 f"{1e3 * condition.platform_speed:.0f} mm/s",
             )
-        return Verdict(True, "requested")
+        return Verdict(ResultCode.DONE, "requested")
 
-    def fault(self, reason: str) -> None:
-        """Latch FAULT; the first reason stays."""
+    def fault(self, fault: Fault, reporter: str = "") -> None:
+        """Latch FAULT; the first fault stays.
+
+        Args:
+            fault: what is not well.
+            reporter: node that found it; empty: the supervisor.
+        """
         if self.mode != OperatingMode.FAULT:
-            self.mode, self.reason, self.pending = OperatingMode.FAULT, reason, None
+            reason = f"{reporter}: {fault.reason}" if reporter else fault.reason
+            self._enter(OperatingMode.FAULT, Cause.FAULT, reason, fault.name)
 
     def emergency(self, reason: str) -> None:
-        """Latch FAULT; the reason is told also if another fault came before."""
-        self.pending = None
-        if self.mode == OperatingMode.FAULT and not self.reason.startswith(reason):
+        """Latch FAULT; told also if another fault came before."""
+        if self.entry.cause == Cause.EMERGENCY_STOP:
+            return
+        if self.mode == OperatingMode.FAULT:
             reason = f"{reason}, after {self.reason}"
-        self.mode, self.reason = OperatingMode.FAULT, reason
+        self._enter(OperatingMode.FAULT, Cause.EMERGENCY_STOP, reason, FaultName.EMERGENCY_STOP)
 
     def reset(self) -> Verdict:
         """Leave FAULT for STOPPED."""
         if self.mode != OperatingMode.FAULT:
-            return Verdict(False, f"nothing to reset: the mode is {self.mode.name}")
-        self.mode, self.reason = OperatingMode.STOPPED, "reset"
-        return Verdict(True, "reset")
+            return Verdict(ResultCode.WRONG_MODE, f"nothing to reset: the mode is {self.mode.name}")
+        self._enter(OperatingMode.STOPPED, Cause.RESET, "reset")
+        return Verdict(ResultCode.DONE, "reset")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from cabols_control.supervision.modes import UNATTENDED
-
 
 class OperatorWatchdog:
     """A dead man's switch on heartbeats; times are of any clock that never jumps.
@@ -40,4 +38,4 @@ class OperatorWatchdog:
             self.armed = False
             return ""
         who = f" ({self._operator})" if self._operator else ""
-        return f"{UNATTENDED}: the operator's console{who} is silent for {self._timeout_s:g} s"
+        return f"unattended: the operator's console{who} is silent for {self._timeout_s:g} s"

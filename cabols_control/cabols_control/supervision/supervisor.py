@@ -8,24 +8,20 @@ import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.naming import limb_names
+from cabols_control.result_code import ResultCode
 from cabols_control.supervision.clock import clock_fault
+from cabols_control.supervision.faults import OVERLOAD, Fault, FaultName
 from cabols_control.supervision.modes import (
     MOVING,
-    OVERLOAD,
     Condition,
+    Entry,
     ModeMachine,
     OperatingMode,
     Verdict,
 )
 
-EMERGENCY = "emergency stop"
-"""How the reason of a FAULT begins that came from the service, or a button: everything is cut."""
-
-RELIEF_S = 1.0
-"""So long after FREE_MOVING has begun, reports may still tell of the overload that it takes off."""
-
-FORGET_S = 0.1
-"""So long after PRETIGHTENING has begun, limb states may still tell of the zeros before it."""
+FOLLOWED_S = 1.0
+"""Longest time from the mode's entry to the first sample that the bridge takes in it."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +59,14 @@ class Supervision:
         self._config = config
         self._machine = ModeMachine()
         self._zeroed: BoolArray | None = None
+        self._zeroing = 0
+        self._free_since_s = np.inf
         self._first_s = np.nan
         self._newest_s = -np.inf
         self._entered_s = -np.inf
         self._started = False
         self._reports: dict[str, float] = {}
-        self._complaints: dict[str, str] = {}
+        self._complaints: dict[str, Fault] = {}
         self._platform: FloatArray | None = None
         self._platform_s = -np.inf
         self._platform_speed = 0.0
@@ -80,19 +78,41 @@ class Supervision:
 
     @property
     def reason(self) -> str:
-        """Why it was entered."""
+        """Why it was entered, for people."""
         return self._machine.reason
 
+    @property
+    def entry(self) -> Entry:
+        """Present mode and how it was entered."""
+        return self._machine.entry
+
     def hear_state(
-        self, stamp_s: float, zeroed: BoolArray, tension: FloatArray | None = None
+        self,
+        stamp_s: float,
+        zeroed: BoolArray,
+        tension: FloatArray | None = None,
+        *,
+        zeroing: int,
+        followed: int,
     ) -> None:
-        """Take one limb state: its stamp, the (n,) bool zeroed and the (n,) tensions [N]."""
+        """Take one limb state.
+
+        Args:
+            stamp_s: when the card was sampled [s].
+            zeroed: (n,) bool.
+            tension: (n,) estimates [N].
+            zeroing: number of the pre-tightening that the zeros are of.
+            followed: number of the mode that the bridge followed.
+        """
         if np.isnan(self._first_s):
             self._first_s = stamp_s
         if back := clock_fault("limb_state", stamp_s - self._newest_s):
             self._start_anew(stamp_s, back)
         self._newest_s = stamp_s
-        self._zeroed = np.array(zeroed, dtype=np.bool_)
+        self._zeroed, self._zeroing = np.array(zeroed, dtype=np.bool_), zeroing
+        self._machine.zeroing_seen = zeroing
+        if self.mode == OperatingMode.FREE_MOVING == followed:
+            self._free_since_s = min(self._free_since_s, stamp_s)
         if self.mode == OperatingMode.PRETIGHTENING:
             self._watch_pretightening(stamp_s)
         elif self.mode == OperatingMode.UNLOADING:
@@ -100,21 +120,34 @@ class Supervision:
         if self._config.auto_start:
             self._advance(stamp_s)
 
-    def _start_anew(self, stamp_s: float, reason: str) -> None:
+    def _zeros(self) -> BoolArray | None:
+        """(n,) bool, limbs with a zero that counts; None before the first limb state.
+
+        The bridge forgets the old zeros when the mode reaches it: zeros of another pre-tightening
+        are none of the present one.
+        """
+        zeroed = self._zeroed
+        if self.mode != OperatingMode.PRETIGHTENING or zeroed is None:
+            return zeroed
+        return zeroed if self._zeroing == self.entry.zeroing else np.zeros_like(zeroed)
+
+    def _start_anew(self, stamp_s: float, fault: Fault) -> None:
         """Forget times of a clock that has been set back; no motion goes on."""
         self._reports.clear()
         self._first_s = self._entered_s = stamp_s
         self._platform = None
         if self.mode in MOVING:
-            self._machine.fault(reason)
+            self._machine.fault(fault)
 
     def _watch_pretightening(self, stamp_s: float) -> None:
         late = stamp_s - self._entered_s > self._config.pretension_timeout_s
-        if late and self._zeroed is not None and not self._zeroed.all():
-            limbs = limb_names(np.flatnonzero(~self._zeroed))
-            self._machine.fault(
+        zeros = self._zeros()
+        if late and zeros is not None and not zeros.all():
+            limbs = limb_names(np.flatnonzero(~zeros))
+            self._fault(
+                FaultName.PRETIGHTENING_TIME,
                 f"pre-tightening: {limbs} did not reach their switch within "
-                f"{self._config.pretension_timeout_s:g} s"
+                f"{self._config.pretension_timeout_s:g} s",
             )
 
     def _watch_unloading(self, stamp_s: float, tension: FloatArray | None) -> None:
@@ -122,12 +155,21 @@ class Supervision:
         loaded = [] if tension is None else np.flatnonzero(~(tension <= limit)).tolist()
         if not loaded:
             self._machine.unloaded()
-            self._entered_s = stamp_s
+            self._note_entry()
         elif stamp_s - self._entered_s > self._config.unload_timeout_s:
-            self._machine.fault(
+            self._fault(
+                FaultName.UNLOADING_TIME,
                 f"unloading: more than {limit:g} N are still on {limb_names(loaded)} after "
-                f"{self._config.unload_timeout_s:g} s"
+                f"{self._config.unload_timeout_s:g} s",
             )
+
+    def _fault(self, name: FaultName, reason: str) -> None:
+        self._machine.fault(Fault(name, reason))
+
+    def _note_entry(self) -> None:
+        """Count times from the newest limb state: another mode has been entered."""
+        self._entered_s = self._newest_s
+        self._free_since_s = np.inf
 
     def hear_pose(self, stamp_s: float, position: FloatArray) -> None:
         """Take the platform's (3,) position [m]: its speed decides about some transitions."""
@@ -136,35 +178,51 @@ class Supervision:
             self._platform_speed = moved / (stamp_s - self._platform_s)
         self._platform, self._platform_s = np.array(position), stamp_s
 
-    def hear_report(self, node: str, now_s: float, running: bool, fault: str) -> None:
-        """Take a node's report: whether all its inputs arrive; fault is empty if there is none.
+    def hear_report(
+        self, node: str, now_s: float, running: bool, fault: Fault | None, stamp_s: float
+    ) -> None:
+        """Take a node's report.
 
         A fault stops what moves, latched. At rest there is nothing to stop: the fault only keeps
         the rig from moving while it lasts.
+
+        Args:
+            node: its name.
+            now_s: present time [s].
+            running: whether all its inputs arrive.
+            fault: that it reports; None for none.
+            stamp_s: of the newest sample that the node has handled [s].
         """
-        overload = fault.startswith(OVERLOAD)
+        overload = fault is not None and fault.name == OVERLOAD
         if running or overload:
             self._reports[node] = now_s
-        if not fault:
+        if fault is None:
             self._complaints.pop(node, None)
             return
         self._complaints[node] = fault
-        young = self._newest_s - self._entered_s < RELIEF_S
-        relieved = overload and self.mode == OperatingMode.FREE_MOVING and young
-        if self.mode in MOVING and not relieved:
-            self._machine.fault(f"{node}: {fault}")
+        if self.mode in MOVING and not (overload and self._relieves(stamp_s)):
+            self._machine.fault(fault, node)
+
+    def _relieves(self, stamp_s: float) -> bool:
+        """Whether FREE_MOVING takes off an overload that was found at stamp_s.
+
+        It does if the bridge did not follow FREE_MOVING yet at that sample.
+        """
+        young = self._newest_s - self._entered_s < FOLLOWED_S
+        return self.mode == OperatingMode.FREE_MOVING and young and stamp_s < self._free_since_s
 
     def check_silence(self, now_s: float) -> None:
         """Latch a fault if limb states have stopped while the rig is not at rest."""
         if self.mode in MOVING and not self._fresh(now_s):
-            self._machine.fault(f"no limb state for {self._config.state_timeout_s:g} s")
+            reason = f"no limb state for {self._config.state_timeout_s:g} s"
+            self._fault(FaultName.STATE_AGE, reason)
 
     def abandon(self, reason: str) -> None:
         """Unload and stop, as nobody watches any more."""
         before = self.mode
         self._machine.abandon(reason)
         if self.mode != before:
-            self._entered_s = self._newest_s
+            self._note_entry()
 
     def request(self, wanted: int, now_s: float) -> Verdict:
         """Answer a request for a mode."""
@@ -172,28 +230,28 @@ class Supervision:
         if wanted in MOVING:
             # A node with a complaint does not count as running: the complaint says more.
             for node, complaint in self._complaints.items():
-                overload = complaint.startswith(OVERLOAD)
+                overload = complaint.name == OVERLOAD
                 if overload and wanted == OperatingMode.FREE_MOVING:
                     continue
                 if self.mode != OperatingMode.FAULT:
                     way_out = "; FREE_MOVING takes a load off" if overload else ""
-                    return Verdict(False, f"{node}: {complaint}{way_out}")
+                    return Verdict(
+                        ResultCode.FAULT_REPORTED,
+                        f"{node}: {complaint.reason}{way_out}",
+                        complaint.name,
+                    )
             silent = self._silent(now_s)
             if silent:
-                return Verdict(False, f"no report from {', '.join(silent)}: not running?")
-        zeroed = self._zeroed
-        # The bridge forgets the old zeros when it hears of the mode: older news do not count.
-        young = not self._newest_s - self._entered_s >= FORGET_S
-        if self.mode == OperatingMode.PRETIGHTENING and young and zeroed is not None:
-            zeroed = np.zeros_like(zeroed)
-        condition = Condition(zeroed, self._fresh(now_s), self._platform_speed)
+                reason = f"no report from {', '.join(silent)}: not running?"
+                return Verdict(ResultCode.NOT_READY, reason)
+        condition = Condition(self._zeros(), self._fresh(now_s), self._platform_speed)
         verdict = self._machine.request(wanted, condition)
         if self.mode != before:
-            self._entered_s = self._newest_s
+            self._note_entry()
         return verdict
 
     def emergency_stop(self, reason: str) -> None:
-        """Latch FAULT at once; a reason that begins with EMERGENCY cuts unloading short, too."""
+        """Latch FAULT at once; the bridge cuts, also an unloading under way."""
         self._machine.emergency(reason)
 
     def reset(self) -> Verdict:
@@ -219,8 +277,7 @@ class Supervision:
         elif (
             self.mode == OperatingMode.PRETIGHTENING
             and self._started
-            and self._zeroed is not None
-            and self._zeroed.all()
-            and stamp_s - self._entered_s >= self._config.settle_s
+            and (zeros := self._zeros()) is not None
+            and zeros.all()
         ):
             self.request(OperatingMode.LOADING, stamp_s)

@@ -11,6 +11,7 @@ from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
 from cabols_control.supervision.clock import clock_fault
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import DEFAULT_WEIGHTS, prepare_pose, set_method, work_size
 from cabols_control.tension.kernels.work_array import SHARE
@@ -51,8 +52,8 @@ class WrenchController:
         active: whether a load is asked for.
         feasible: whether the newest control was feasible.
         infeasible_cycles: how many were not.
-        fault: why no load is asked for in LOADING; empty while all is well.
-        notice: what does not stop the load but should be known; empty otherwise.
+        fault: why no load is asked for in LOADING; None while all is well.
+        notice: what does not stop the load but should be known; None otherwise.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -80,8 +81,8 @@ class WrenchController:
         self.active = False
         self.feasible = True
         self.infeasible_cycles = 0
-        self.fault = ""
-        self.notice = ""
+        self.fault: Fault | None = None
+        self.notice: Fault | None = None
         geometry = rig.geometry
         self.set_pose(geometry.reference_position, geometry.reference_rotation)
 
@@ -92,9 +93,9 @@ class WrenchController:
         structure_matrix_into(*points, self._position, self._rotation, self._matrix)
         prepare_pose(self._matrix, *self._limits, self._weights, self._work)
 
-    def trip(self, reason: str) -> None:
-        """Give the load up for a reason from outside; the first reason stays until LOADING ends."""
-        self.fault = self.fault or reason
+    def trip(self, fault: Fault) -> None:
+        """Give the load up for a fault from outside; the first fault stays until LOADING ends."""
+        self.fault = self.fault or fault
 
     def to_base_axes(self, wrench: FloatArray) -> FloatArray:
         """Turn a wrench at the platform's origin from platform to base axes; (6,) to (6,)."""
@@ -134,9 +135,10 @@ class WrenchController:
         if mode != OperatingMode.LOADING:
             self._rest()
             return self.tension
-        if self._bad_samples > MAX_BAD_SAMPLES and not self.fault:
-            self.fault = f"wrench: {self._bad_samples} samples in a row are not finite"
-        if self.fault:
+        if self._bad_samples > MAX_BAD_SAMPLES and self.fault is None:
+            reason = f"wrench: {self._bad_samples} samples in a row are not finite"
+            self.fault = Fault(FaultName.NOT_FINITE, reason)
+        if self.fault is not None:
             self.active = False
             return self.tension
         if not usable:
@@ -180,16 +182,16 @@ class WrenchController:
         self.residual[:] = 0.0
         self.active, self.feasible = True, not reference.limited
         self.infeasible_cycles += reference.limited
-        self.notice = ""
+        self.notice = None
         if reference.stale:
-            self.notice = f"desired_tension is older than {self._desired_timeout:g} s: unloading"
+            reason = f"desired_tension is older than {self._desired_timeout:g} s: unloading"
+            self.notice = Fault(FaultName.DESIRED_AGE, reason)
         return True
 
     def _rest(self) -> None:
         self._tensions.reset()
         self.active = False
-        self.fault = ""
-        self.notice = ""
+        self.fault = self.notice = None
         self.desired[:] = 0.0
         self.control[:] = 0.0
         self.residual[:] = 0.0
@@ -200,11 +202,12 @@ class WrenchController:
         """Set the desired wrench in force; a stale one is ramped to zero at the unload rate."""
         if wanted is not None and abs(stamp_s - wanted.stamp_s) <= self._desired_timeout:
             self.desired[:] = wanted.wrench
-            self.notice = ""
+            self.notice = None
             return
         if wanted is not None and self.desired.any():
-            self.notice = (
-                f"desired_wrench is older than {self._desired_timeout:g} s: unloading to zero"
+            self.notice = Fault(
+                FaultName.DESIRED_AGE,
+                f"desired_wrench is older than {self._desired_timeout:g} s: unloading to zero",
             )
         step = self._unload_step * dt_s
         self.desired -= np.clip(self.desired, -step, step)

@@ -30,6 +30,8 @@ class Bridge:
         tension: (n,) estimate [N] (3.9), NaN before zeroing.
         switch_closed: (n,) bool.
         zeroed: (n,) bool.
+        zeroing: (1,) number of the pre-tightening that the zeros are of; 0: of none.
+        followed_mode: (1,) number of the mode in which the newest sample was taken.
         wrench: (6,) on the platform, at its origin, platform axes, without the weight of the tool
             in the platform's present orientation [N, N m].
         load: (6,) all that pulls on the sensor, at its origin, sensor axes [N, N m].
@@ -53,6 +55,7 @@ class Bridge:
         self._counts = np.zeros(n, dtype=np.int64)
         self._started = False
         self._mode = OperatingMode.STOPPED
+        self._zeroing = 0
         self._length = np.zeros(n)
         self._zero = np.full(n, np.nan)
         self._was_closed: BoolArray = np.ones(n, dtype=np.bool_)
@@ -76,6 +79,8 @@ class Bridge:
         self.tension = np.full(n, np.nan)
         self.switch_closed: BoolArray = np.zeros(n, dtype=np.bool_)
         self.zeroed: BoolArray = np.zeros(n, dtype=np.bool_)
+        self.zeroing = np.zeros(1, dtype=np.uint32)
+        self.followed_mode = np.zeros(1, dtype=np.uint8)
         self.wrench = np.zeros(6)
         self.load = np.zeros(6)
         self.tared = False
@@ -128,18 +133,22 @@ class Bridge:
         self._bias_count = 0
         self.tared = False
 
-    def take(self, sample: CardSample, mode: OperatingMode) -> None:
+    def take(self, sample: CardSample, mode: OperatingMode, zeroing: int = 0) -> None:
         """Update all attributes from one sample.
 
         In PRETIGHTENING the sample at which a limb's switch closes (from open) sets its zero: there
         the tension is the switch's 4.7 N, so that elongation counts from the unloaded spring.
-        Whenever the mode becomes PRETIGHTENING all zeros are forgotten, to be set anew.
+        Whenever the mode becomes PRETIGHTENING, or its number changes meanwhile, all zeros are
+        forgotten, to be set anew.
+
+        Args:
+            sample: just read.
+            mode: operating mode.
+            zeroing: number of the newest pre-tightening, as Mode tells it.
         """
         card = self._card
-        if mode == OperatingMode.PRETIGHTENING and self._mode != mode:
-            self._zero[:] = np.nan
-            self.zeroed[:] = False
-        self._mode = mode
+        if mode != self._mode or zeroing != self._zeroing:
+            self._follow(mode, zeroing)
         if not self._started:
             self._raw[:] = sample.encoders
             self._newest_ns = sample.time_ns
@@ -182,6 +191,15 @@ class Bridge:
             self.load,
             self.wrench,
         )
+
+    def _follow(self, mode: OperatingMode, zeroing: int) -> None:
+        """Take another mode; a new pre-tightening forgets the zeros of the one before."""
+        if mode == OperatingMode.PRETIGHTENING:
+            self._zero[:] = np.nan
+            self.zeroed[:] = False
+            self.zeroing[0] = zeroing
+        self._mode, self._zeroing = mode, zeroing
+        self.followed_mode[0] = mode
 
     def _growth_in(self, duration_s: float) -> float:
         rate = self._card.current_rate_limit

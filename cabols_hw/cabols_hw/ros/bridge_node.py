@@ -20,8 +20,8 @@ from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare
 from cabols_control.rotations import read_pose
-from cabols_control.supervision.modes import MOVING, OperatingMode
-from cabols_control.supervision.supervisor import EMERGENCY
+from cabols_control.supervision.faults import Fault, FaultName
+from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.card.config import CardConfig
 from cabols_hw.card.daq import CardSample, Daq
@@ -67,13 +67,14 @@ class BridgeNode(ControlNode):
         self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
         currents = topics.motor_current_layout(geometry, n)
         self._current_input = Input(self, "motor_current", currents, self.lockstep)
-        self._mode_input = Input(self, "mode", topics.mode_layout(""), self.lockstep)
+        self._mode_input = Input(self, "mode", topics.mode_layout(), self.lockstep)
         self._answers = [self._current_input, self._mode_input, *self.extra_inputs()]
         self._state = topics.limb_state_layout(geometry).record()
         self._state["limb"][:] = np.arange(n)
         self._wrench = topics.wrench_layout(geometry.platform_frame).record()
         names = ("wound_length", "elongation", "tension", "switch_closed", "zeroed")
         self.bridge.bind({name: self._state[name] for name in names})
+        self.bridge.bind({"followed_mode": self._state["mode"], "zeroing": self._state["zeroing"]})
         self.bridge.bind({"wrench": self._wrench["wrench"]})
         self._warm_up(currents)
         self._state_output = self.advertise_live("limb_state")
@@ -81,12 +82,13 @@ class BridgeNode(ControlNode):
         self.create_service(Trigger, "tare", self._tare)
         self._lock = threading.Lock()
         self._mode = OperatingMode.STOPPED
+        self._zeroing = 0
         self._sequence = 0
         self._answered = 0
         self._posed = False
         self._turns = 0
         self._newest_s = 0.0
-        self._refused = ""
+        self._refused: Fault | None = None
         self._enabled = True
         self._sent_ns = np.zeros(RING, dtype=np.int64)
         self._stop = threading.Event()
@@ -237,7 +239,7 @@ class BridgeNode(ControlNode):
         process is free when the answer comes.
         """
         with self._lock:
-            self.bridge.take(sample, self._mode)
+            self.bridge.take(sample, self._mode, self._zeroing)
             current = 0.0 if self.daq.watchdog_expired else self.bridge.current
         self._supervise(sample)
         self._sequence += 1
@@ -265,7 +267,7 @@ class BridgeNode(ControlNode):
         if came:
             self._accept_current()
         elif self._current_input.error:
-            self._refused = self._current_input.error
+            self._refuse(self._current_input.error)
         self._turns += 1
         # Without currents a turn takes ANSWER_WAIT_NS: the mode is then heard in each.
         if not self.lockstep and (not came or self._turns % SLOW_INPUT == 0):
@@ -279,14 +281,14 @@ class BridgeNode(ControlNode):
         sequence = int(record["sequence"])
         limbs, current = record["limb"], record["current"]
         if not self._answered <= sequence <= self._sequence:
-            self._refused = (
+            self._refuse(
                 f"motor_current: expected an answer to state {self._answered} to "
                 f"{self._sequence}, got {sequence}"
             )
             return
         if not self._guard.command(limbs, current, self._newest_s):
             count = self.rig.geometry.cables
-            self._refused = (
+            self._refuse(
                 f"motor_current: expected finite numbers for indices below {count} (from 0), got "
                 f"{current.tolist()} for {limbs.tolist()}"
             )
@@ -294,10 +296,14 @@ class BridgeNode(ControlNode):
         if self._answered and sequence > self._answered + 1:
             self.status.lost += sequence - self._answered - 1
         self._answered = sequence
-        self._refused = ""
+        self._refused = None
         if not self.lockstep:
             self.status.round_trip.add(1e-9 * (now_ns - self._sent_ns[sequence % RING]))
         self._write()
+
+    def _refuse(self, reason: str) -> None:
+        """Keep the currents that were commanded before; not a fault, but it is told."""
+        self._refused = Fault(FaultName.MESSAGE, reason)
 
     def _write(self) -> None:
         """Put on the amplifiers what the guard lets through."""
@@ -318,10 +324,13 @@ class BridgeNode(ControlNode):
     def _take_mode(self) -> None:
         if not self._mode_input.take():
             return
-        self._mode = OperatingMode(int(self._mode_input.record["mode"]))
+        record = self._mode_input.record
+        # The number first: a sample in between must not take the new mode for the old zeros'.
+        self._zeroing = int(record["zeroing"])
+        self._mode = OperatingMode(int(record["mode"]))
         if self._mode != OperatingMode.FAULT:
             return
-        if self._mode_input.strings()["reason"].startswith(EMERGENCY):
+        if int(record["cause"]) == Cause.EMERGENCY_STOP:
             self._guard.emergency_stop()
             self._write()
 
@@ -330,8 +339,10 @@ class BridgeNode(ControlNode):
         self.status.late = self.daq.late
         # Until then the supervisor lets nothing move: a load without a pose is a fault.
         answered = RUNNING if self._answered and self._posed else WAITING
-        state = FAULT if fault is not None else answered
-        self.status.cycle(stamp_ns, state, str(fault) if fault is not None else self._refused)
+        if fault is not None:
+            self.status.cycle(stamp_ns, FAULT, fault.told())
+        else:
+            self.status.cycle(stamp_ns, answered, self._refused)
         self.tidy()
 
     def _tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

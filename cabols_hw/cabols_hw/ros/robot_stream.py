@@ -19,6 +19,7 @@ from cabols_control.ros.loop import Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.rotations import pose_matrix
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
 
@@ -103,13 +104,14 @@ class RobotStream(GuardedThread):
         self._quality = StreamQuality(reader.counter, late=late)
         self._base = base
         self._stale_after_s = stale_after_s
-        self._stale = f"robot: no EGM packet for {stale_after_s:g} s"
+        reason = f"robot: no EGM packet for {stale_after_s:g} s"
+        self._stale = Fault(FaultName.STREAM_SILENT, reason)
         self._robot_clock = robot_clock
         self._pose = topics.pose_layout(node.rig.geometry).record()
         self._joints = JointStateBytes(JOINT_NAMES)
         self._pose_output = node.advertise_live("platform_pose")
         self._joint_output = node.advertise_live("joint_states")
-        layout = topics.mode_layout("")
+        layout = topics.mode_layout()
         self._mode_input = Input(node, "mode", layout, node.lockstep)
         self.newest: EgmSample | None = None
         self.stamp_ns = 0
@@ -165,11 +167,12 @@ class RobotStream(GuardedThread):
         status.late = 0 if self._node.lockstep else counter.late
         trouble = self._quality.look()
         if self.newest is None:
-            status.cycle(0, WAITING, "")
+            status.cycle(0, WAITING)
         elif self.stale:
             status.cycle(self.stamp_ns, FAULT, self._stale)
         elif trouble:
-            status.cycle(self.stamp_ns, FAULT, f"robot: {trouble}")
+            fault = Fault(FaultName.STREAM_QUALITY, f"robot: {trouble}")
+            status.cycle(self.stamp_ns, FAULT, fault)
         else:
-            status.cycle(self.stamp_ns, RUNNING, "")
+            status.cycle(self.stamp_ns, RUNNING)
         self._node.tidy()

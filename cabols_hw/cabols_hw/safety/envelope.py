@@ -7,11 +7,12 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_control.naming import limb_name
 from cabols_control.rig import Rig
-from cabols_control.supervision.modes import LOADED, MOVING, OVERLOAD, OperatingMode
+from cabols_control.supervision.faults import OVERLOAD, FaultName
+from cabols_control.supervision.modes import LOADED, MOVING, OperatingMode
 from cabols_hw.bridge.bridge import SATURATED_VOLTS, Bridge
 from cabols_hw.safety import rules
 from cabols_hw.safety.config import SafetyConfig
-from cabols_hw.safety.faults import AXES, Fault, same_kind
+from cabols_hw.safety.faults import AXES, BridgeFault, same_kind
 from cabols_hw.safety.pose import PoseWatch
 
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
@@ -68,9 +69,9 @@ class SafetyEnvelope:
         self._since_flat = np.zeros(6)
         self._last_s = np.nan
         self._pose = PoseWatch(rig, config)
-        self.fault: Fault | None = None
+        self.fault: BridgeFault | None = None
 
-    def judge(self, now_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+    def judge(self, now_s: float, bridge: Bridge, mode: OperatingMode) -> BridgeFault | None:
         """Hold one sample, just taken by the bridge, against all rules.
 
         Args:
@@ -105,11 +106,13 @@ class SafetyEnvelope:
             np.zeros(1),
         )
 
-    def trip(self, fault: Fault) -> None:
+    def trip(self, fault: BridgeFault) -> None:
         """Take a fault that was found elsewhere; the first one stays."""
         self.fault = self.fault or fault
 
-    def _find(self, now_s: float, dt_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+    def _find(
+        self, now_s: float, dt_s: float, bridge: Bridge, mode: OperatingMode
+    ) -> BridgeFault | None:
         moving = mode in MOVING
         if not moving or not 0.0 < dt_s <= LONGEST_STEP_S:
             rules.forget_motion(
@@ -118,8 +121,8 @@ class SafetyEnvelope:
             if not moving:
                 self._since[:] = 0.0
             if moving and dt_s > self._config.state_age:
-                return Fault(
-                    "state_age",
+                return BridgeFault(
+                    FaultName.STATE_AGE,
                     f"{1e3 * dt_s:.0f} ms without a sample, "
                     f"{1e3 * self._config.state_age:.0f} ms allowed",
                 )
@@ -139,7 +142,7 @@ class SafetyEnvelope:
             found = self._judge_wrench(dt_s, bridge, mode)
         return found
 
-    def _note_overload(self, sensor: Fault | None, bridge: Bridge) -> None:
+    def _note_overload(self, sensor: BridgeFault | None, bridge: Bridge) -> None:
         """At rest: whether a load that the gears hold is beyond the sensor's limits."""
         beyond = bridge.tared and bool((np.abs(bridge.wrench) > self._wrench_max).any())
         overloaded = beyond or (sensor is not None and sensor.name == OVERLOAD)
@@ -160,7 +163,7 @@ class SafetyEnvelope:
             self._lowest_force = np.inf
             self._pretightening = pretightening
 
-    def _judge_limbs(self, dt_s: float, bridge: Bridge) -> Fault | None:
+    def _judge_limbs(self, dt_s: float, bridge: Bridge) -> BridgeFault | None:
         rule, i = rules.judge_limbs(
             dt_s,
             self._limb_limits,
@@ -180,48 +183,55 @@ class SafetyEnvelope:
             return None
         config, tension = self._config, float(bridge.tension[i])
         if rule == rules.ENCODER:
-            return Fault("encoder", f"{limb_name(i)}: jumped to {self._last_speed[i]:.1f} m/s", i)
+            return BridgeFault(
+                FaultName.ENCODER, f"{limb_name(i)}: jumped to {self._last_speed[i]:.1f} m/s", i
+            )
         if rule == rules.TENSION:
-            return Fault(
-                "tension", f"{limb_name(i)} pulls {tension:.1f} N, {config.tension_max:g} N allowed"
+            return BridgeFault(
+                FaultName.TENSION,
+                f"{limb_name(i)} pulls {tension:.1f} N, {config.tension_max:g} N allowed",
             )
         if rule == rules.CABLE:
             return self._cable_or_switch(i, bridge)
         if rule == rules.SWITCH:
             payout = 1e3 * config.switch_payout
-            return Fault(
-                "switch", f"{limb_name(i)}: closed after paying out {payout:.0f} mm: stuck?", i
+            return BridgeFault(
+                FaultName.SWITCH,
+                f"{limb_name(i)}: closed after paying out {payout:.0f} mm: stuck?",
+                i,
             )
         if rule == rules.CURRENT:
-            return Fault(
-                "current",
+            return BridgeFault(
+                FaultName.CURRENT,
                 f"{limb_name(i)}: at its limit of {self._limb_limits[4]:g} A for "
                 f"{1e3 * config.current_saturated:.0f} ms",
                 i,
             )
-        return Fault(
-            "motion",
+        return BridgeFault(
+            FaultName.MOTION,
             f"{limb_name(i)}: more than {config.motion_current:g} A are not in its motion; "
             "jammed, a slipping encoder or an amplifier's offset?",
             i,
         )
 
-    def _cable_or_switch(self, i: int, bridge: Bridge) -> Fault:
+    def _cable_or_switch(self, i: int, bridge: Bridge) -> BridgeFault:
         """Tell a broken cable from a switch stuck open: the sensor misses a cable, not a switch."""
         tension = float(bridge.tension[i])
         column = bridge.structure[:3, i]
         measured = bridge.rotation @ bridge.wrench[:3]
         missing = float(column @ (bridge.structure[:3] @ bridge.tension - measured))
         if missing > 0.5 * tension:
-            return Fault(
-                "cable",
+            return BridgeFault(
+                FaultName.CABLE,
                 f"{limb_name(i)}: elongation says {tension:.1f} N, switch and sensor say none: "
                 "broken?",
                 i,
             )
-        return Fault("switch", f"{limb_name(i)}: open at an estimated {tension:.1f} N: stuck?", i)
+        return BridgeFault(
+            FaultName.SWITCH, f"{limb_name(i)}: open at an estimated {tension:.1f} N: stuck?", i
+        )
 
-    def _judge_sensor(self, dt_s: float, bridge: Bridge) -> Fault | None:
+    def _judge_sensor(self, dt_s: float, bridge: Bridge) -> BridgeFault | None:
         rule, gauge = rules.judge_sensor(
             max(dt_s, 0.0),
             bridge.gauges,
@@ -233,22 +243,28 @@ class SafetyEnvelope:
         if rule == rules.FINE:
             # An axis can be beyond the sensor's range while every gauge still tells the truth.
             said = bridge.saturation
-            return Fault("sensor_saturated", f"force/torque sensor: {said}") if said else None
+            return (
+                BridgeFault(FaultName.SENSOR_SATURATED, f"force/torque sensor: {said}")
+                if said
+                else None
+            )
         if rule == rules.SENSOR_INVALID:
-            return Fault("sensor_invalid", f"force/torque sensor: gauge {gauge} is not a number")
+            return BridgeFault(
+                FaultName.SENSOR_INVALID, f"force/torque sensor: gauge {gauge} is not a number"
+            )
         volts = float(bridge.gauges[gauge])
         if rule == rules.SENSOR_SATURATED:
-            return Fault(
-                "sensor_saturated",
+            return BridgeFault(
+                FaultName.SENSOR_SATURATED,
                 f"force/torque sensor: a gauge is saturated: {gauge} at {volts:.2f} V",
             )
-        return Fault(
-            "sensor_flat",
+        return BridgeFault(
+            FaultName.SENSOR_FLAT,
             f"force/torque sensor: gauge {gauge} has shown {volts:.4f} V for "
             f"{self._config.sensor_flat:g} s: a broken wire?",
         )
 
-    def _judge_wrench(self, dt_s: float, bridge: Bridge, mode: OperatingMode) -> Fault | None:
+    def _judge_wrench(self, dt_s: float, bridge: Bridge, mode: OperatingMode) -> BridgeFault | None:
         if mode == OperatingMode.PRETIGHTENING:
             return self._judge_pretension(bridge)
         if mode not in BY_TENSION or not bridge.zeroed.all():
@@ -266,20 +282,20 @@ class SafetyEnvelope:
         )
         if rule == rules.WRENCH:
             kind, unit = ("force", "N") if axis < 3 else ("torque", "N m")
-            return Fault(
-                "wrench",
+            return BridgeFault(
+                FaultName.WRENCH,
                 f"{kind} {AXES[axis % 3]} is {bridge.wrench[axis]:.1f} {unit}, "
                 f"{self._wrench_max[axis]:g} {unit} allowed",
             )
         if rule == rules.ESTIMATE:
-            return Fault(
-                "estimate",
+            return BridgeFault(
+                FaultName.ESTIMATE,
                 "the force/torque sensor and the tension estimates disagree by more than "
                 f"{self._config.estimate_force:g} N or {self._config.estimate_torque:g} N m",
             )
         return None
 
-    def _judge_pretension(self, bridge: Bridge) -> Fault | None:
+    def _judge_pretension(self, bridge: Bridge) -> BridgeFault | None:
         """Find a limb that winds in on and on because its switch does not close.
 
         A load that was cut, and held by the gears since, is there from the beginning: only what
@@ -293,8 +309,8 @@ class SafetyEnvelope:
         # Of the limbs that still look for their switch the one that pulls this way.
         along = np.where(bridge.zeroed, -np.inf, bridge.structure[:3].T @ force)
         i = int(np.argmax(along))
-        return Fault(
-            "switch",
+        return BridgeFault(
+            FaultName.SWITCH,
             f"{limb_name(i)}: the pull has grown to {size:.0f} N in PRETIGHTENING, by more than "
             f"{self._config.pretension_force:g} N, and its switch is open: stuck?",
             i,

@@ -1,9 +1,10 @@
-"""The faults that the bridge finds, by name, and what it does about each."""
+"""The faults that the bridge finds in what it samples, and what it does about each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+
+from cabols_control.supervision.faults import Fault, FaultName
 
 AXES = ("x", "y", "z")
 
@@ -18,28 +19,17 @@ class Reaction(IntEnum):
     """Zero current at once; the gears hold what tension there is."""
 
 
-@dataclass(frozen=True)
-class Fault:
-    """A broken rule.
-
-    Attributes:
-        name: one of FAULTS, for diagnostics and tables.
-        reason: what was expected and what came.
-        limb: which limb must not be moved any more; -1 for none in particular.
-    """
-
-    name: str
-    reason: str
-    limb: int = -1
+class BridgeFault(Fault):
+    """A broken rule of the bridge; its name is one of FAULTS."""
 
     @property
     def reaction(self) -> Reaction:
         """What is done about it."""
         return FAULTS[self.name]
 
-    def __str__(self) -> str:
-        """Return the name and the reason, as they stand in `loop_status` and `mode`."""
-        return f"{self.name}: {self.reason}"
+    def told(self) -> Fault:
+        """Return the fault as it is reported: with its name before the reason."""
+        return Fault(self.name, str(self), self.limb)
 
 
 def same_kind(one: Fault | None, other: Fault | None) -> bool:
@@ -47,24 +37,24 @@ def same_kind(one: Fault | None, other: Fault | None) -> bool:
     return one is not None and other is not None and one.name == other.name
 
 
-FAULTS: dict[str, Reaction] = {
-    "tension": Reaction.UNLOAD,
-    "wrench": Reaction.UNLOAD,
-    "estimate": Reaction.UNLOAD,
-    "sensor_invalid": Reaction.UNLOAD,
-    "sensor_saturated": Reaction.UNLOAD,
-    "sensor_flat": Reaction.UNLOAD,
-    "cable": Reaction.UNLOAD,
-    "switch": Reaction.UNLOAD,
-    "pose": Reaction.UNLOAD,
-    "pose_speed": Reaction.UNLOAD,
-    "pose_age": Reaction.UNLOAD,
-    "current": Reaction.CUT,
-    "motion": Reaction.CUT,
-    "encoder": Reaction.CUT,
-    "state_age": Reaction.CUT,
-    "command_age": Reaction.CUT,
-    "card": Reaction.CUT,
+FAULTS: dict[FaultName, Reaction] = {
+    FaultName.TENSION: Reaction.UNLOAD,
+    FaultName.WRENCH: Reaction.UNLOAD,
+    FaultName.ESTIMATE: Reaction.UNLOAD,
+    FaultName.SENSOR_INVALID: Reaction.UNLOAD,
+    FaultName.SENSOR_SATURATED: Reaction.UNLOAD,
+    FaultName.SENSOR_FLAT: Reaction.UNLOAD,
+    FaultName.CABLE: Reaction.UNLOAD,
+    FaultName.SWITCH: Reaction.UNLOAD,
+    FaultName.POSE: Reaction.UNLOAD,
+    FaultName.POSE_SPEED: Reaction.UNLOAD,
+    FaultName.POSE_AGE: Reaction.UNLOAD,
+    FaultName.CURRENT: Reaction.CUT,
+    FaultName.MOTION: Reaction.CUT,
+    FaultName.ENCODER: Reaction.CUT,
+    FaultName.STATE_AGE: Reaction.CUT,
+    FaultName.COMMAND_AGE: Reaction.CUT,
+    FaultName.CARD: Reaction.CUT,
 }
 """Every fault that the bridge finds, and its reaction.
 

@@ -6,13 +6,14 @@ import numpy as np
 
 from cabols_control.checks import FloatArray, IntArray
 from cabols_control.rig import Rig
+from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.bridge.unloading import Unloading
 from cabols_hw.bridge.watchdog import CommandWatchdog, merge_into
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.envelope import SafetyEnvelope
-from cabols_hw.safety.faults import Fault, Reaction
+from cabols_hw.safety.faults import BridgeFault, Reaction
 
 
 class BridgeGuard:
@@ -48,7 +49,7 @@ class BridgeGuard:
         return not self._emergency and (fault is None or fault.reaction != Reaction.CUT)
 
     @property
-    def fault(self) -> Fault | None:
+    def fault(self) -> BridgeFault | None:
         """The fault in force."""
         return self.safety.fault
 
@@ -100,11 +101,13 @@ class BridgeGuard:
     def _judge_commands(self, now_s: float, mode: OperatingMode, card_expired: bool) -> None:
         at_rest = mode not in MOVING
         if not self._watchdog.check(now_s, at_rest):
-            self.safety.trip(Fault("command_age", self._watchdog.fault))
+            self.safety.trip(BridgeFault(FaultName.COMMAND_AGE, self._watchdog.fault))
         if card_expired and not at_rest:
-            self.safety.trip(Fault("card", "the card's own watchdog has zeroed the outputs"))
+            self.safety.trip(
+                BridgeFault(FaultName.CARD, "the card's own watchdog has zeroed the outputs")
+            )
 
-    def _react(self, fault: Fault, now_s: float, bridge: Bridge, mode: OperatingMode) -> None:
+    def _react(self, fault: BridgeFault, now_s: float, bridge: Bridge, mode: OperatingMode) -> None:
         if fault.reaction != Reaction.UNLOAD or mode not in MOVING:
             return
         trusted = bridge.zeroed.copy()

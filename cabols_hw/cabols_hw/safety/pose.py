@@ -6,9 +6,10 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
+from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import LOADED, OperatingMode
 from cabols_hw.safety.config import SafetyConfig
-from cabols_hw.safety.faults import AXES, Fault
+from cabols_hw.safety.faults import AXES, BridgeFault
 
 SPEED_WINDOW_S = 0.02
 """A platform speed is the mean over at least so long: poses come every 4 ms, and not evenly."""
@@ -32,7 +33,7 @@ class PoseWatch:
         self._place: FloatArray | None = None
         self._window: tuple[float, FloatArray] | None = None
         self._speed = 0.0
-        self._fault: Fault | None = None
+        self._fault: BridgeFault | None = None
 
     def hear(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
         """Take a platform pose that came after the sample at now_s; judged with the next sample.
@@ -58,15 +59,15 @@ class PoseWatch:
         """Let the next pose be anywhere: at rest a robot may be set up anew, and nothing moves."""
         self._place = None
 
-    def judge(self, now_s: float, mode: OperatingMode) -> Fault | None:
+    def judge(self, now_s: float, mode: OperatingMode) -> BridgeFault | None:
         """Hold the newest pose, its age and the platform's speed against the limits of a mode."""
         if mode == OperatingMode.COMMISSIONING:
             return None
         age = now_s - self._newest_s
         if not age <= self._config.pose_age:
             came = "has never come" if np.isnan(age) else f"is {1e3 * age:.0f} ms old"
-            return Fault(
-                "pose_age",
+            return BridgeFault(
+                FaultName.POSE_AGE,
                 f"the platform's pose {came}, {1e3 * self._config.pose_age:.0f} ms allowed: "
                 "is the robot's bridge running?",
             )
@@ -74,35 +75,35 @@ class PoseWatch:
             return self._fault
         allowed = self._config.speed_loaded if mode in LOADED else self._config.speed_free
         if not self._speed <= allowed:
-            return Fault(
-                "pose_speed",
+            return BridgeFault(
+                FaultName.POSE_SPEED,
                 f"the platform moves at {1e3 * self._speed:.0f} mm/s, "
                 f"{1e3 * allowed:.0f} mm/s allowed in {mode.name}",
             )
         return None
 
-    def _find(self, now_s: float, position: FloatArray, rotation: FloatArray) -> Fault | None:
+    def _find(self, now_s: float, position: FloatArray, rotation: FloatArray) -> BridgeFault | None:
         config = self._config
         offset = np.abs(position - self._position)
         if not (offset <= self._range).all():
             axis = int(np.argmax(offset / self._range))
-            return Fault(
-                "pose",
+            return BridgeFault(
+                FaultName.POSE,
                 f"the platform is {1e3 * offset[axis]:.0f} mm off its reference in {AXES[axis]}, "
                 f"{1e3 * self._range[axis]:.0f} mm allowed",
             )
         cosine = 0.5 * (float(np.trace(self._rotation.T @ rotation)) - 1.0)
         angle = float(np.arccos(min(max(cosine, -1.0), 1.0)))
         if not angle <= config.rotation_range:
-            return Fault(
-                "pose",
+            return BridgeFault(
+                FaultName.POSE,
                 f"the platform is turned by {angle:.2f} rad, {config.rotation_range:g} rad allowed",
             )
         if self._place is None:
             return None
         jump = float(np.linalg.norm(position - self._place))
         if not jump <= config.pose_jump + config.speed_free * (now_s - self._newest_s):
-            return Fault("pose", f"the platform's pose jumped by {1e3 * jump:.0f} mm")
+            return BridgeFault(FaultName.POSE, f"the platform's pose jumped by {1e3 * jump:.0f} mm")
         return None
 
     def _measure_speed(self, now_s: float, position: FloatArray) -> None:

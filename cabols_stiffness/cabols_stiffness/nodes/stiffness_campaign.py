@@ -114,7 +114,7 @@ class StiffnessCampaignNode(ControlNode):
     def _lead(self) -> None:
         self._leader.step(self._intake.now_ns)
         state = RUNNING if self._intake.mode is not None and self._intake.now_ns >= 0 else WAITING
-        self.status.cycle(max(self._intake.now_ns, 0), state, "")
+        self.status.cycle(max(self._intake.now_ns, 0), state)
 
     def _hear(self, message: StiffnessEstimate) -> None:
         self._estimate = message

@@ -12,6 +12,7 @@ from rclpy.serialization import serialize_message
 from cabols_control.errors import CabolsError
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.qos import topic_qos
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_stiffness.campaign.journal import PLAN, read_samples
 from cabols_stiffness.campaign.plan import load_plan
 from cabols_stiffness.identification.running import RunningIdentification
@@ -35,7 +36,7 @@ class StiffnessIdentifierNode(ControlNode):
         self._accuracy = 0.0
         self._skipped = 0
         self._identification: RunningIdentification | None = None
-        self._trouble = ""
+        self._trouble: Fault | None = None
         self._last_folder = ""
         self._reports = ReportService(self, lambda: self._last_folder)
         for msg_type, topic, hear in (
@@ -53,7 +54,7 @@ class StiffnessIdentifierNode(ControlNode):
         try:
             plan = load_plan(Path(message.folder, PLAN))
             self._identification = RunningIdentification(plan)
-            self._folder, self._trouble = message.folder, ""
+            self._folder, self._trouble = message.folder, None
         except CabolsError as error:
             self._complain(error)
 
@@ -67,15 +68,15 @@ class StiffnessIdentifierNode(ControlNode):
             return
         try:
             identification.add(read_samples(self._folder, identification.count))
-            self._trouble = ""
+            self._trouble = None
         except (CabolsError, OSError) as error:
             self._complain(error)
             return
         self._output.publish(serialize_message(self._estimate(message)))
 
     def _complain(self, error: Exception) -> None:
-        self._trouble = str(error)
-        self.get_logger().error(self._trouble)
+        self._trouble = Fault(FaultName.IDENTIFICATION, str(error))
+        self.get_logger().error(str(error))
 
     def _estimate(self, load: StiffnessLoad) -> StiffnessEstimate:
         identification, nan = self._identification, np.full(6, np.nan)

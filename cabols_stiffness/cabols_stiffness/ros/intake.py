@@ -166,7 +166,7 @@ class Intake(GuardedThread):
         states, poses = topics.limb_state_layout(geometry), topics.pose_layout(geometry)
         self._state = Input(node, "limb_state", states, lockstep, depth=1)
         self._pose = Input(node, "platform_pose", poses, lockstep, depth=1)
-        self._mode = Input(node, "mode", topics.mode_layout(""), lockstep)
+        self._mode = Input(node, "mode", topics.mode_layout(), lockstep)
         self._wait_set = make_wait_set(node, 1)
         self.news = threading.Condition()
         self.wrenches, self.joints = self._wrench.rolling, self._joint.rolling
