@@ -49,6 +49,9 @@ structure: setup  ## write the tables of rooms and imports in docs/architecture.
 interface: setup  ## write docs/interface.md and the picture of the graph from the code
 	@$(BIN)/python tools/interface.py --write
 
+figures: setup  ## write docs/figures.md from what the benchmarks left in build
+	@$(BIN)/python tools/figures.py $(ARGS)
+
 follow-docs:  ## follow the commands of README and docs from a fresh clone; ARGS=--list, --long
 	@"$(HOST_PYTHON)" tools/follow_docs.py $(ARGS)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from long_bag import TRUE, write_bag
+from record import write_figures
 
 from cabols_control.bringup.processes import executable_path
 from cabols_control.output_folder import output_folder
@@ -35,8 +35,7 @@ def main() -> int:
         runs = [_run(options, minutes) for minutes in sorted(options.minutes)]
         folder.finish()
     figures = summarise(runs, options.recorder)
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.output, figures)
     print(
         f"an hour: {figures['longest_cycles']} cycles, peak memory "
         f"{figures['longest_peak_memory_gib']:.2f} GiB, target 1: {_met(figures['memory_met'])}"

@@ -20,6 +20,7 @@ from typing import Any
 
 import bench_realtime
 from console_page import is_served
+from record import write_figures
 
 from cabols_control.output_folder import claim
 from cabols_sim.bench.run import isolated_environment, real_time_arguments
@@ -59,7 +60,7 @@ def main() -> int:
             found[name].append(_run(folder / f"{name}_{pair}", environment, arguments, console))
     claimed.finish()
     figures = _summary(found)
-    arguments.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    write_figures(arguments.output, figures)
     print(_table(figures))
     return 0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from pathlib import Path
@@ -11,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
+
+from record import write_figures
 
 from cabols_control.kinematics import structure_matrix
 from cabols_control.rig import load_rig
@@ -143,7 +144,7 @@ def main():
     print(f"\narbitrary loads for one optimal load, least of all: {worst_ratio:.1f}, target 2: "
           f"{'met' if met else 'NOT MET'} ({time.perf_counter() - start:.0f} s)")  # fmt: skip
     report = {"designs": rows, "least_ratio": worst_ratio, "met": bool(met)}
-    Path("build/bench/design.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+    write_figures(Path("build/bench/design.json"), report)
 
 
 if __name__ == "__main__":

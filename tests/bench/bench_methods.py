@@ -12,7 +12,6 @@ distance; a jump would stay. Leaves a figure beside the figures' file.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from scipy.spatial.transform import Rotation
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
 from bench_tension import time_calls
+from record import write_figures
 
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
@@ -149,8 +149,7 @@ def main() -> None:
         f"met: equilibrium to {EQUILIBRIUM_N:g} N, limits kept, and four times as many samples "
         "give steps at most 0.35 times as large (a jump would stay)"
     )
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.output, figures)
     draw(geometry, options.output.with_suffix(".png"))
 
 

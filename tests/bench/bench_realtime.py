@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import psutil
+from record import write_figures
 
 from cabols_control.bags.reader import read_bag
 from cabols_control.output_folder import claim
@@ -32,6 +33,7 @@ from cabols_control.realtime.scheduling import PM_QOS
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 
 CONTROL_TOPICS = ("limb_state", "wrench", "motor_current", "tension_command", "desired_wrench")
+LOOPS = ("plant", "wrench_controller", "limb_controller")
 ROBOT_TOPICS = ("platform_pose", "joint_states")
 GRAPHS = {"rigid_target": False, "all_bridges": True}
 """Name of a run: whether robot and tracker are in it."""
@@ -69,7 +71,7 @@ def main() -> int:
         "yardsticks_alike": yardsticks[-1].figures(),
         **{name: _figures(run, yard, GRAPHS[name]) for name, run in runs.items()},
     }
-    arguments.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    write_figures(arguments.output, figures)
     print(_table(figures))
     return 0
 
@@ -234,6 +236,7 @@ def _figures(graph: dict[str, Any], yard: dict[str, float], robot: bool) -> dict
         "answers_missing_in_bag": int(sequence.size - np.unique(answered).size),
         "tension_commands_missing_in_bag": int(sequence.size - np.unique(tension).size),
         "recorder_lost": {name: _gaps(bag[name].sequence) for name in topics},
+        "work": _work(status, loading),
         "cpu_percent": {name: round(value, 1) for name, value in graph["cpu"].items()},
     }
     if robot:
@@ -241,6 +244,19 @@ def _figures(graph: dict[str, Any], yard: dict[str, float], robot: bool) -> dict
         found["egm_packets_lost"] = int(status["lost"][stream])
         found["egm_packets_late"] = int(status["late"][stream])
         found["poses"] = int(bag["platform_pose"].stamp_ns.size)
+    return found
+
+
+def _work(status: Any, loading: int) -> dict[str, dict[str, float]]:
+    """Each control loop's working time in a cycle, without waiting, while the rig is loaded."""
+    nodes = np.array(status["node"])
+    found = {}
+    for name in LOOPS:
+        rows = (nodes == name) & (status.stamp_ns > loading + 2e9)
+        found[name] = {
+            "median_s": float(np.median(status["work_time"][rows])),
+            "p99_s": float(np.median(status["work_time_p99"][rows])),
+        }
     return found
 
 

@@ -7,10 +7,10 @@ right; the mean of many draws then lies in the printed 95 % band, in 19 cases of
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 import numpy as np
+from record import write_figures
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -169,8 +169,7 @@ def main() -> None:
         "cases_total": len(cases),
         "met": bool(low <= pooled <= high),
     }
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    write_figures(arguments.output, figures)
     print(f"{'case':36} {'noise':8} {'NEES':>6} {'95 % band':>14} {'sigma um':>9} {'urad':>6}")
     for case in cases:
         print(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import time
 from pathlib import Path
 
 import numpy as np
+from record import write_figures
 
 from cabols_control.configuration import load_config
 from cabols_control.load_programs.programs import load_program
@@ -50,8 +50,7 @@ def main() -> None:
         "target": TARGET,
         "met": bool(np.median(ratios) >= TARGET),
     }
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    write_figures(arguments.output, figures)
     print(
         f"closed loop, full plant, 8 limbs, one core: "
         f"{figures['times_real_time_median']:.0f} times real time (median of {len(ratios)}; "

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import sys
 import time
 from dataclasses import replace
@@ -17,6 +16,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
+
+from record import write_figures
 
 from cabols_control.configuration import packaged
 from cabols_sim.devices.robot.robot_target import RobotTarget
@@ -281,7 +282,7 @@ def main():
     print(f"\nother configurations and wrenches: {100 * held.explained:.3f} % of the deflection "
           f"explained, normalised error {held.normalised_rms:.3f}")  # fmt: skip
     verdict(report)
-    Path("build/bench/stiffness.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+    write_figures(Path("build/bench/stiffness.json"), report)
 
 
 def verdict(report):

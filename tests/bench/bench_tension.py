@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import platform
 import time
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from pathlib import Path
 
 import daqp
 import numpy as np
+from record import write_figures
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
@@ -279,8 +279,7 @@ def main() -> None:
         "figures": figures,
         "targets": targets,
     }
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(json.dumps(result, indent=2) + "\n")
+    write_figures(options.output, result)
 
 
 if __name__ == "__main__":

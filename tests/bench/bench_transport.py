@@ -21,6 +21,7 @@ from typing import TypedDict
 
 import numpy as np
 from bench_realtime import echo_pair
+from record import write_figures
 
 from cabols_control.ros.transport import udp_variables
 from cabols_sim.bench.run import isolated_environment
@@ -79,8 +80,7 @@ def main() -> int:
         }
         for name in transports
     }
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    arguments.output.write_text(json.dumps(figures, indent=2) + "\n")
+    write_figures(arguments.output, figures)
     for name, f in figures.items():
         print(
             f"{name:14} {f['kills']:4} readers killed: {f['long_calls']:3} calls of publish() over "

@@ -12,7 +12,6 @@ started and have their compiled code loaded before the clock starts.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from pathlib import Path
@@ -21,6 +20,8 @@ import numpy as np
 from scipy.optimize import linprog
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
+
+from record import write_figures
 
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
@@ -152,8 +153,7 @@ def main() -> None:
         figures[f"{key}_met"] = bool(met)
         print(f"{name}: {figures[key]:.2f} >= {limit:g}: {'met' if met else 'NOT met'}")
     print(f"against HiGHS on one core: {figures['ratio_to_one_core']:.0f}")
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.output, figures)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Check a designed geometry by other means: linear programmes, and the bench that runs it.
 
-Usage: python tests/bench/check_design.py GEOMETRY.yaml [--output build/bench/design.json]
+Usage: python tests/bench/check_design.py GEOMETRY.yaml [--output build/bench/geometry_design.json]
 
 Feasible volume: HiGHS asks for tensions at every vertex of the box of wrenches, at every position
 and orientation of a grid, for the reference bench and for the design; nothing of the hyperplane
@@ -10,7 +10,6 @@ test is used. Then both run a load programme in the compiled closed loop with th
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import replace
@@ -19,6 +18,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
+
+from record import write_figures
 
 from cabols_control.configuration import load_config
 from cabols_control.geometry import load_geometry
@@ -96,7 +97,7 @@ def main() -> int:
     """Print and write; 1 if the design does not beat the bench by TARGET."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("geometry", type=Path)
-    parser.add_argument("--output", type=Path, default=Path("build/bench/design.json"))
+    parser.add_argument("--output", type=Path, default=Path("build/bench/geometry_design.json"))
     options = parser.parse_args()
     rig = load_rig()
     low, high = rig.control.tension_min, rig.control.tension_max
@@ -119,8 +120,7 @@ def main() -> int:
         f"feasible volume by linear programmes: {factor:.2f} times the bench's >= {TARGET:g}: "
         f"{'met' if figures['met'] else 'NOT met'}"
     )
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    write_figures(options.output, figures)
     return 0 if figures["met"] else 1
 
 
