@@ -78,3 +78,42 @@ class RigInOneProcess(OneProcess):
         """(k,) times, (k, n) true tensions, (k, n) motor currents from an instant on."""
         rows = [row for row in self.log if row[0] > instant_s]
         return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+
+class Peaks:
+    """Runs a rig and keeps the largest true tension [N], force [N] and torque [N m]."""
+
+    TENSION_N = 150.0
+    """What the spring and docs/safety.md allow."""
+
+    def __init__(self, rig):
+        self.rig = rig
+        self.tension = self.force = self.torque = 0.0
+        self.fault = None
+
+    def run(self, seconds, after=np.inf, hold=None):
+        """Run on.
+
+        Args:
+            seconds: at most so long.
+            after: seconds to go on after the first fault.
+            hold: mode to set again in each cycle; None: leave it.
+
+        Returns:
+            Itself. It ends early once the bound is passed by a tenth: then all is known.
+        """
+        end = self.rig.now_s + seconds
+        while self.rig.now_s < end:
+            if hold is not None:
+                self.rig.mode = hold
+            self.rig.cycle()
+            plant = self.rig.plant
+            self.tension = max(self.tension, float(plant.tension.max()))
+            self.force = max(self.force, float(np.linalg.norm(plant.wrench[:3])))
+            self.torque = max(self.torque, float(np.linalg.norm(plant.wrench[3:])))
+            if self.fault is None and self.rig.guard.fault is not None:
+                self.fault = self.rig.guard.fault
+                end = min(end, self.rig.now_s + after)
+            if self.tension > 1.1 * self.TENSION_N:
+                break
+        return self
