@@ -1,4 +1,4 @@
-"""A console's server alone with a rig that answers everything: prints its port, serves until killed.
+"""A console's server alone with a rig that answers: prints its port, then serves.
 
 python console_child.py FOLDER
 """

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -38,10 +39,20 @@ def port(tmp_path_factory):
         env={**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )
     found = int(child.stdout.readline())
+    wait_until_served(found, child)
     assert ask(found, "/reports/c1/report.html").startswith(b"HTTP/1.1 200")
     yield found
     child.kill()
     child.wait()
+
+
+def wait_until_served(port, child):
+    """Wait until the server takes connections: its port is known before."""
+    while True:
+        assert child.poll() is None, "the server has ended"
+        with suppress(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port)):
+            return
+        time.sleep(0.05)
 
 
 def ask(port, path, *lines):

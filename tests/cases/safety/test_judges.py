@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cabols_control.supervision.supervisor import EMERGENCY, Supervision, SupervisionConfig
+from cabols_control.supervision.faults import Fault, FaultName
+from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 from cabols_sim.fault_campaign.judgement import Report, TrialData, judge
 from cases import fails_today
 
@@ -23,9 +24,11 @@ class Clocked:
     def tick(self, times=1, nodes=NODES):
         for _ in range(times):
             self.now_s += TICK_S
-            self.supervision.hear_state(self.now_s, np.zeros(8, bool), np.full(8, np.nan))
+            self.supervision.hear_state(
+                self.now_s, np.zeros(8, bool), np.full(8, np.nan), zeroing=0, followed=0
+            )
             for name in nodes:
-                self.supervision.hear_report(name, self.now_s, True, "")
+                self.supervision.hear_report(name, self.now_s, True, None, self.now_s)
 
 
 @fails_today(13, "PRETIGHTENING within 45 ms of the reset")
@@ -33,18 +36,25 @@ def test_reset_alone_starts_no_motion():
     """ISO 13850. The emergency stop came before all nodes reported, with auto_start."""
     clocked = Clocked(auto_start=True)
     clocked.tick(10, NODES[:1])
-    clocked.supervision.emergency_stop(EMERGENCY)
+    clocked.supervision.emergency_stop("emergency stop")
     clocked.tick(10)
     clocked.supervision.reset()
     clocked.tick(10)
     assert clocked.supervision.mode.name == "STOPPED"
 
 
+def test_quiet_graph_may_move():
+    clocked = Clocked()
+    clocked.tick(20)
+    assert clocked.supervision.request(1, clocked.now_s).allowed
+
+
 @fails_today(13, "a complaint never expires, also after its sender has gone")
 def test_complaint_ends_with_its_sender():
     clocked = Clocked()
     clocked.tick(10)
-    clocked.supervision.hear_report("somebody_else", clocked.now_s, False, "a stranger's complaint")
+    complaint = Fault(FaultName.POSE, "a stranger's complaint")
+    clocked.supervision.hear_report("somebody_else", clocked.now_s, False, complaint, clocked.now_s)
     clocked.now_s += 3600.0
     clocked.tick(10)
     assert clocked.supervision.request(1, clocked.now_s).allowed
