@@ -10,11 +10,9 @@ import pytest
 # What `make` sets too, for who runs pytest by hand.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
-from cabols_control.configuration import load_config
 from cabols_control.rig import load_rig
-from cabols_control.rig_folder import rig_file
-from cabols_hw.card.config import CardConfig
-from cabols_sim.plant.config import PlantConfig
+from cabols_hw.card.config import load_card
+from cabols_sim.plant.config import load_plant
 
 
 @pytest.fixture(scope="session")
@@ -24,12 +22,12 @@ def rig():
 
 @pytest.fixture(scope="session")
 def card():
-    return load_config(CardConfig, rig_file("card.yaml"))
+    return load_card()
 
 
 @pytest.fixture(scope="session")
 def plant_config():
-    return load_config(PlantConfig, rig_file("plant.yaml"))
+    return load_plant()
 
 
 @pytest.fixture

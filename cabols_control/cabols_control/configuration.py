@@ -90,6 +90,7 @@ def load_config(
     path: str | Path,
     shared: Mapping[str, Any] | None = None,
     source: str | Path = "",
+    defaults: Mapping[str, Any] | None = None,
 ) -> T:
     """Make one configuration dataclass from a YAML file.
 
@@ -99,19 +100,19 @@ def load_config(
         shared: fields that another file of the rig has; where this file has them, too, both must
             agree.
         source: that other file.
+        defaults: fields that hold where this file does not say otherwise; nested as the file.
 
     Raises:
         ConfigError: naming the file, the line, the key, what was expected and what came.
     """
     document = _read(path)
     content = document.content
-    _check_shared(path, document, shared or {}, source)
     findings = _wrong_types(cls, content)
     if findings:
         raise ConfigError(f"{path}: {_told(document, findings)}")
     token = _folder.set(Path(path).resolve().parent)
     try:
-        return cls(**{**(shared or {}), **content})
+        made = cls(**{**(shared or {}), **_filled(content, defaults or {})})
     except ValidationError as error:
         raise ConfigError(f"{path}: {_told(document, _of_pydantic(error))}") from error
     except ConfigError as error:
@@ -120,6 +121,17 @@ def load_config(
         raise ConfigError(f"{path}: {error}") from error
     finally:
         _folder.reset(token)
+    _check_shared(path, document, shared or {}, source)
+    return made
+
+
+def _filled(content: dict[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """The file's values, and defaults where it has none."""
+    found = {**defaults, **content}
+    for key, value in defaults.items():
+        if isinstance(value, Mapping) and isinstance(content.get(key), dict):
+            found[key] = _filled(content[key], value)
+    return found
 
 
 def _check_shared(

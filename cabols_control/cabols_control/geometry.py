@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
-from scipy.spatial.transform import Rotation
 
 from cabols_control.cable_kernels import cable_lengths_unchecked, structure_matrix_unchecked
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, ShapeError
+from cabols_control.frames import Frame
 from cabols_control.naming import cable_name
 from cabols_control.rig_folder import rig_file
 
@@ -93,14 +93,8 @@ class RigGeometry:
 
 
 @config_dataclass(frozen=True, config=STRICT)
-class _Pose:
-    position: list[float]
-    rotation_xyz_deg: list[float]
-
-
-@config_dataclass(frozen=True, config=STRICT)
 class _GeometryFile:
-    reference_pose: _Pose
+    reference_pose: Frame
     base_points: list[list[float]]
     platform_points: list[list[float]]
     base_frame: str = "rig_base"
@@ -111,9 +105,9 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
     """Read a rig's geometry from YAML.
 
     Args:
-        path: file with `reference_pose` (position [m], rotation_xyz_deg: intrinsic x-y-z Euler
-            angles), `base_points` and `platform_points` (a row [x, y, z] per cable [m]);
-            None for the reference bench (chosen by this project: the source publishes none).
+        path: file with `reference_pose` (a Frame: position [m] and rotation), `base_points` and
+            `platform_points` (a row [x, y, z] per cable [m]); None for the reference bench (chosen
+            by this project: the source publishes none).
 
     Returns:
         The checked geometry.
@@ -124,12 +118,11 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
     source = Path(path) if path is not None else rig_file("geometry.yaml")
     content = load_config(_GeometryFile, source)
     try:
-        angles = finite_array("rotation_xyz_deg", content.reference_pose.rotation_xyz_deg, (3,))
         return RigGeometry(
             base_points=_rows("base_points", content.base_points),
             platform_points=_rows("platform_points", content.platform_points),
-            reference_position=finite_array("position", content.reference_pose.position, (3,)),
-            reference_rotation=Rotation.from_euler("XYZ", angles, degrees=True).as_matrix(),
+            reference_position=np.array(content.reference_pose.position),
+            reference_rotation=content.reference_pose.rotation,
             base_frame=content.base_frame,
             platform_frame=content.platform_frame,
         )

@@ -16,7 +16,7 @@ from cabols_control.gains import WrenchGains, wrench_gains
 from cabols_control.geometry import MIN_CABLES, RigGeometry, load_geometry
 from cabols_control.limb import LimbModel
 from cabols_control.naming import limb_name
-from cabols_control.rig_folder import rig_file
+from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_control.tension import check_method
 
 MOTOR_CURRENT_MAX_A = 3.82
@@ -152,17 +152,25 @@ class Rig:
 
 
 def load_rig(
+    rig: str | Path | RigFolder = "",
     geometry: str | Path | None = None,
     limbs: str | Path | None = None,
     control: str | Path | None = None,
 ) -> Rig:
-    """Read a rig from its three YAML files; None (or empty) stands for the reference bench.
+    """Read what the control laws need of a rig.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        geometry: YAML in place of the folder's geometry.yaml; None or empty: the folder's.
+        limbs: likewise, of limbs.yaml.
+        control: likewise, of control.yaml.
 
     Raises:
         ConfigError: naming the file, the key, what was expected and what came.
     """
+    folder = find_rig(rig)
     return Rig(
-        load_geometry(geometry or None),
-        load_config(LimbsConfig, rig_file("limbs.yaml", limbs)),
-        load_config(ControlConfig, rig_file("control.yaml", control)),
+        load_geometry(rig_file("geometry.yaml", geometry, folder)),
+        load_config(LimbsConfig, rig_file("limbs.yaml", limbs, folder)),
+        load_config(ControlConfig, rig_file("control.yaml", control, folder)),
     )

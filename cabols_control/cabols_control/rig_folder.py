@@ -35,12 +35,12 @@ FILES = (
     RigFile("control.yaml", "cabols_control", "design of both loops and their limits"),
     RigFile("card.yaml", "cabols_hw", "wiring and scaling of the card, force/torque sensor"),
     RigFile("safety.yaml", "cabols_hw", "safety envelope"),
-    RigFile("robot.yaml", "cabols_hw", "stored configurations of the robot, and its tool"),
+    RigFile("frames.yaml", "cabols_control", "where tool, sensor, tracker, reflectors are"),
+    RigFile("robot.yaml", "cabols_hw", "stored configurations of the robot"),
     RigFile("robot.urdf", "cabols_stiffness", "kinematics of the robot"),
-    RigFile("tracker.yaml", "cabols_hw", "laser tracker: address, reflectors, times"),
+    RigFile("tracker.yaml", "cabols_hw", "laser tracker: address, times, noise"),
     RigFile("campaign.yaml", "cabols_stiffness", "loads of a stiffness campaign"),
     RigFile("bodies.yaml", "cabols_control", "what cables must not touch"),
-    RigFile("scene.yaml", "cabols_control", "what is drawn besides the geometry"),
     RigFile("plant.yaml", "cabols_sim", "physics of the simulated limbs, card and sensors"),
     RigFile("robot_truth.yaml", "cabols_sim", "physics of the simulated robot"),
     RigFile("tracker_truth.yaml", "cabols_sim", "truth about the simulated laser tracker"),
@@ -61,6 +61,10 @@ class RigFolder:
     def name(self) -> str:
         """Name of the rig: that of its folder."""
         return self.path.name
+
+    def has(self, name: str) -> bool:
+        """Whether the folder has this file."""
+        return (self.path / name).is_file()
 
     def file(self, name: str) -> Path:
         """Path of one of the rig's files.

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from cabols_control.configuration import load_config
 from cabols_control.rig import load_rig
-from cabols_control.rig_folder import rig_file
-from cabols_hw.card.config import CardConfig
+from cabols_hw.card.config import load_card
 from cabols_sim.plant.closed_loop import simulate
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import load_plant
 
 
 def main() -> None:
     """Call the compiled closed loop once."""
-    card = load_config(CardConfig, rig_file("card.yaml"))
-    plant = load_config(PlantConfig, rig_file("plant.yaml"))
+    card = load_card()
+    plant = load_plant()
     simulate(load_rig(), card, plant, np.zeros((5, 6)))
 
 

@@ -10,13 +10,11 @@ from pathlib import Path
 import numpy as np
 from record import write_figures
 
-from cabols_control.configuration import load_config
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
-from cabols_control.rig_folder import rig_file
-from cabols_hw.card.config import CardConfig
+from cabols_hw.card.config import load_card
 from cabols_sim.plant.closed_loop import PERIOD_S, simulate
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import load_plant
 
 TARGET = 50.0
 
@@ -30,8 +28,8 @@ def main() -> None:
     core = min(os.sched_getaffinity(0))
     os.sched_setaffinity(0, {core})
     rig = load_rig()
-    card = load_config(CardConfig, rig_file("card.yaml"))
-    plant = load_config(PlantConfig, rig_file("plant.yaml"))
+    card = load_card()
+    plant = load_plant()
     program = load_program("multi_axis")
     time_s = np.arange(0.0, program.duration, PERIOD_S)
     desired = np.array([program.at(t) for t in time_s])

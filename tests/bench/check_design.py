@@ -21,18 +21,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
 from record import write_figures
 
-from cabols_control.configuration import load_config
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
-from cabols_control.rig_folder import rig_file
 from cabols_control.workspace.capacity import capacity_along
 from cabols_control.workspace.grid import box_grid, tilts
 from cabols_control.workspace.wrench_set import wrench_box
-from cabols_hw.card.config import CardConfig
+from cabols_hw.card.config import load_card
 from cabols_sim.plant.closed_loop import PERIOD_S, simulate
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import load_plant
 from wrench_lps import VertexPrograms, box_vertices
 
 BOX = [50.0, 50.0, 50.0, 5.0, 5.0, 5.0]
@@ -78,8 +76,8 @@ def agrees(geometry, grid, low, high, answers):
 
 def run_bench(rig, seed=1):
     """Figures of the multi-axis programme in the closed loop."""
-    card = load_config(CardConfig, rig_file("card.yaml"))
-    plant = load_config(PlantConfig, rig_file("plant.yaml"))
+    card = load_card()
+    plant = load_plant()
     program = load_program("multi_axis")
     desired = np.array([program.at(t) for t in np.arange(0.0, program.duration, PERIOD_S)])
     trace = simulate(rig, card, plant, desired, seed=seed)

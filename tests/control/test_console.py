@@ -15,7 +15,6 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from cabols_control.configuration import load_config
 from cabols_control.console.access import COOKIE, AccessPolicy, Lease, Request, is_loopback
 from cabols_control.console.dispatcher import ALIVE_S, Answer, Dispatcher, Settings
 from cabols_control.console.foxglove_link import (
@@ -52,14 +51,13 @@ from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.load_programs.feasibility import check_program
 from cabols_control.load_programs.programs import BUILT_IN, load_program
-from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.supervision.modes import MOVING, NEXT, ModeMachine, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 from cabols_control.tension import distribute
 from cabols_hw.abb.configurations import load_configurations
-from cabols_hw.tracker.config import TrackerConfig
+from cabols_hw.tracker.config import load_tracker_config
 from cabols_sim.devices.robot.kinematics import Arm
 
 TOKEN = "a-token-of-the-tests-0123456789"
@@ -509,11 +507,11 @@ def test_estimate_shows_intervals_of_what_is_identified():
 
 def test_scene_draws_the_bench_that_is_simulated(rig):
     scene = load_scene()
-    tracker = load_config(TrackerConfig, rig_file("tracker.yaml"))
+    tracker = load_tracker_config()
     np.testing.assert_allclose(scene.reflectors, tracker.reflectors)
     np.testing.assert_allclose(scene.tracker, tracker.base_position)
     arm = Arm()
-    configurations = load_configurations("")
+    configurations = load_configurations()
     for index in range(len(configurations)):
         joints = configurations.joints(index)
         position = arm.solve(np.asarray(joints))[0]
@@ -527,10 +525,10 @@ def test_scene_says_what_is_wrong(tmp_path):
     path = tmp_path / "scene.yaml"
     path.write_text("reflectors: [[0, 0, 0]]\njoint_axes: [0, 1]\n")
     with pytest.raises(ConfigError, match="together"):
-        load_scene(path)
+        load_scene(path=path)
     path.write_text("reflectors: [[0, 0]]\n")
     with pytest.raises(ConfigError, match="reflectors"):
-        load_scene(path)
+        load_scene(path=path)
 
 
 # --- layouts for others' tools ---

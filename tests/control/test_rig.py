@@ -11,7 +11,7 @@ from cabols_control.errors import ConfigError
 from cabols_control.rig import ControlConfig, load_rig
 from cabols_control.rig_folder import rig_file
 from cabols_hw.card.config import CardConfig
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import load_plant
 
 
 def changed(tmp_path, name, **changes):
@@ -75,7 +75,7 @@ def test_plant_mistake(tmp_path):
     path = tmp_path / "plant.yaml"
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(ConfigError, match="backlash"):
-        load_config(PlantConfig, path)
+        load_plant(path=path)
 
 
 def test_empty_path_is_the_bench():

@@ -7,12 +7,10 @@ import threading
 
 import numpy as np
 
-from cabols_control.configuration import load_config
 from cabols_control.limb_control.controller import TensionSetpoint
-from cabols_control.rig_folder import rig_file
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
-from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.safety.config import load_safety
 from cabols_hw.safety.guard import BridgeGuard
 from one_process import OneProcess
 
@@ -25,7 +23,7 @@ class RigInOneProcess(OneProcess):
 
     def __init__(self, rig, card, plant_config, seed=0, target=None):
         super().__init__(rig, card, plant_config, seed, target)
-        config = load_config(SafetyConfig, rig_file("safety.yaml"))
+        config = load_safety()
         self.guard = BridgeGuard(rig, config, card.watchdog)
         self.wrenches = WrenchController(rig)
         self.desired = np.zeros(6)

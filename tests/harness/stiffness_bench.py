@@ -10,21 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cabols_control.configuration import load_config
 from cabols_control.kinematics import structure_matrix
 from cabols_control.registration.reflectors import register_frame
 from cabols_control.rig import load_rig
-from cabols_control.rig_folder import rig_file
 from cabols_hw.abb.configurations import load_configurations
-from cabols_hw.card.config import CardConfig
-from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.card.config import load_card
+from cabols_hw.safety.config import load_safety
 from cabols_hw.tracker.beam import beam_axes, predicted_covariance
 from cabols_hw.tracker.config import load_tracker_config
 from cabols_sim.devices.robot.kinematics import Arm
-from cabols_sim.devices.robot.robot_config import RobotConfig
+from cabols_sim.devices.robot.robot_config import load_robot_truth
 from cabols_sim.devices.tracker.config import load_tracker_truth
 from cabols_sim.devices.tracker.drift import Drift, displaced
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import load_plant
 from cabols_stiffness import PointSamples, load_robot
 from cabols_stiffness.design import Setup, optimal_tensions
 from cabols_stiffness.measurements.deflected_arm import loaded_posture, without_tool_weight
@@ -40,7 +38,7 @@ RAMP_STEPS, SETTLING_STEPS = 8, 6
 REPETITION_S = 2.0
 """From one load to the next: ramp, settling, measuring."""
 
-WRENCH_LIMIT = 0.95 * np.array(load_config(SafetyConfig, rig_file("safety.yaml")).wrench_max)
+WRENCH_LIMIT = 0.95 * np.array(load_safety().wrench_max)
 TENSION = (load_rig().holding_tension, 140.0)
 
 
@@ -52,7 +50,7 @@ def bench_robot():
 
 def bench_truth():
     """The simulated rig's robot: stiffness as the means of table 4.3."""
-    return load_config(RobotConfig, rig_file("robot_truth.yaml"))
+    return load_robot_truth()
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +101,8 @@ class Bench:
         self.parameters = np.array([*self.truth.stiffness, *self.truth.cubic])
         self.tracker = load_tracker_truth()
         self.nominal = load_tracker_config()
-        self.card = load_config(CardConfig, rig_file("card.yaml"))
-        self.sensors = load_config(PlantConfig, rig_file("plant.yaml")).sensors
+        self.card = load_card()
+        self.sensors = load_plant().sensors
         count = len(self.tracker.reflectors)
         n = plan.load.size
         stays = np.unique(plan.configuration)

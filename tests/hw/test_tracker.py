@@ -557,7 +557,7 @@ def test_configuration_refuses_what_cannot_work(config, tmp_path):
     bad = tmp_path / "tracker.yaml"
     bad.write_text("reflectors: []\nspeed: 3\n")
     with pytest.raises(ConfigError, match="speed"):
-        load_tracker_config(bad)
+        load_tracker_config(path=bad)
 
 
 def test_nominal_and_true_reflectors_are_within_the_search_radius(config, truth, rig):

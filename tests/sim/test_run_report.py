@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 from cabols_control.bags.reader import Bag, Series
-from cabols_control.configuration import load_config
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
-from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures import decimate, draw_session, write_figures
 from cabols_control.run_report.figures_of_merit import (
     RunError,
@@ -27,9 +25,9 @@ from cabols_control.run_report.figures_of_merit import (
 )
 from cabols_control.run_report.report import write_report
 from cabols_control.run_report.run import BenchRun
-from cabols_hw.card.config import CardConfig
+from cabols_hw.card.config import load_card
 from cabols_sim.plant.closed_loop import simulate
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import load_plant
 from cabols_sim.reproductions import plain, reproduce_gains
 
 START_NS = 1_700_000_000_000_000_000
@@ -59,8 +57,8 @@ def wrench_columns(wrench):
 @cache
 def trace(program: str, linear: bool):
     rig = load_rig()
-    card = load_config(CardConfig, rig_file("card.yaml"))
-    plant = load_config(PlantConfig, rig_file("plant.yaml"))
+    card = load_card()
+    plant = load_plant()
     chosen = load_program(program)
     desired = np.array([chosen.at(t) for t in np.arange(0.0, chosen.duration, 0.001)])
     return simulate(rig, card, plant.linear() if linear else plant, desired)

@@ -10,14 +10,27 @@ from pydantic.dataclasses import dataclass as config_dataclass
 
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.configuration import STRICT, load_config
+from cabols_control.console.arm import read_arm
 from cabols_control.errors import ConfigError
+from cabols_control.frames import load_frames
 from cabols_control.rig import Rig
-from cabols_control.rig_folder import rig_file
+from cabols_control.rig_folder import RigFolder, find_rig
+
+ROBOT = "robot.urdf"
 
 
 @config_dataclass(frozen=True, config=STRICT)
 class SceneConfig:
-    """Pictures of what stands around the cables; units in rigs/bench/scene.yaml."""
+    """Pictures of what stands around the cables.
+
+    Attributes:
+        reflectors: a row [x, y, z] for each, in platform axes [m].
+        joint_offsets: where every joint of the robot sits, in the frame of the link before it [m].
+        joint_axes: the axis it turns about, in that frame: 0, 1, 2 for x, y, z.
+        robot_base: robot's base, in the rig's base frame [m].
+        flange: in the last link's frame [m].
+        tracker: laser tracker, in the rig's base frame [m].
+    """
 
     reflectors: list[list[float]]
     joint_offsets: list[list[float]] | None = None
@@ -41,13 +54,31 @@ class SceneConfig:
                 raise ConfigError(f"joint_axes: expected 0, 1 or 2 each, got {self.joint_axes}")
 
 
-def load_scene(path: str | Path | None = None) -> SceneConfig:
-    """Read the scene from YAML; None (or empty) stands for the reference bench.
+def load_scene(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> SceneConfig:
+    """What is drawn of a rig besides its geometry.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench. Tracker and reflectors are
+            those of frames.yaml, the robot that of robot.urdf; without such a file none is drawn.
+        path: YAML of a scene, in place of the folder's files; None or empty: the folder's.
 
     Raises:
         ConfigError: naming the file, the key, what was expected and what came.
     """
-    return load_config(SceneConfig, rig_file("scene.yaml", path))
+    folder = find_rig(rig)
+    frames = load_frames(folder)
+    places = {"reflectors": frames.reflectors, "tracker": frames.tracker_frame.position}
+    if path:
+        return load_config(SceneConfig, path, defaults=places)
+    robot = read_arm(folder.file(ROBOT)) if folder.has(ROBOT) else None
+    if robot is None:
+        return SceneConfig(**places)
+    return SceneConfig(
+        **places,
+        joint_offsets=robot.offsets,
+        joint_axes=robot.axes,
+        flange=robot.flange,
+    )
 
 
 def scene_numbers(rig: Rig, scene: SceneConfig) -> dict[str, Any]:

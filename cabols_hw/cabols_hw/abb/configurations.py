@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.frames import FRAMES, load_frames
 from cabols_control.naming import configuration_name
-from cabols_control.rig_folder import rig_file
+from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -63,10 +64,18 @@ class RobotConfigurations:
         return np.deg2rad(np.array(self.configurations[index], dtype=np.float64))
 
 
-def load_configurations(path: str | Path = "") -> RobotConfigurations:
-    """Read the stored configurations; empty: the bench's.
+def load_configurations(
+    rig: str | Path | RigFolder = "", path: str | Path | None = None
+) -> RobotConfigurations:
+    """Read a rig's stored configurations.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: YAML in place of the folder's robot.yaml; None or empty: the folder's.
 
     Raises:
         ConfigError: if the file cannot be used.
     """
-    return load_config(RobotConfigurations, rig_file("robot.yaml", path))
+    folder = find_rig(rig)
+    shared = load_frames(folder).for_robot()
+    return load_config(RobotConfigurations, rig_file("robot.yaml", path, folder), shared, FRAMES)

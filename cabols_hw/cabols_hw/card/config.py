@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import field
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
-from cabols_control.configuration import STRICT, beside
+from cabols_control.configuration import STRICT, beside, load_config
 from cabols_control.errors import ConfigError
+from cabols_control.frames import FRAMES, load_frames
+from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_hw.card.wiring import Wiring
 from cabols_hw.force_torque.ati import DELTA_LIMITS, read_calibration, wrench_transform
 
@@ -117,3 +120,18 @@ class CardConfig:
     def platform_matrix(self) -> FloatArray:
         """(6, 6) wrench per gauge volt, platform axes, at the platform's origin [N/V, N m/V]."""
         return np.ascontiguousarray(self.sensor_transform @ self.ft_matrix)
+
+
+def load_card(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> CardConfig:
+    """Read a rig's card.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: YAML in place of the folder's card.yaml; None or empty: the folder's.
+
+    Raises:
+        ConfigError: naming the file, the key, what was expected and what came.
+    """
+    folder = find_rig(rig)
+    shared = load_frames(folder).for_card()
+    return load_config(CardConfig, rig_file("card.yaml", path, folder), shared, FRAMES)

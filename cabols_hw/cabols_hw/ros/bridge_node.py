@@ -11,9 +11,7 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
-from cabols_control.configuration import load_config
 from cabols_control.rig import Rig
-from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
@@ -23,9 +21,9 @@ from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
 from cabols_hw.bridge.bridge import Bridge
-from cabols_hw.card.config import CardConfig
+from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
-from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.safety.config import SafetyConfig, load_safety
 from cabols_hw.safety.guard import BridgeGuard
 
 RING = 1024
@@ -54,7 +52,7 @@ class BridgeNode(ControlNode):
         """
         super().__init__(name)
         card_file = declare(self, "card_file", "", "YAML of the card's scaling; empty: bench")
-        self._card = load_config(CardConfig, rig_file("card.yaml", card_file))
+        self._card = load_card(path=card_file)
         self.daq = make_daq(self, self.rig, self._card)
         geometry = self.rig.geometry
         n = geometry.cables
@@ -120,7 +118,7 @@ class BridgeNode(ControlNode):
         may have.
         """
         path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: bench")
-        config = load_config(SafetyConfig, rig_file("safety.yaml", path))
+        config = load_safety(path=path)
         oldest = 2.0 * self._watchdog_s
         return replace(
             config,

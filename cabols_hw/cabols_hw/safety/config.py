@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import in_range
-from cabols_control.configuration import STRICT
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
+from cabols_control.rig_folder import RigFolder, rig_file
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -94,3 +97,16 @@ class SafetyConfig:
         ):
             in_range(name, getattr(self, name), 1e-4, 1e6)
         in_range("sensor_flat", self.sensor_flat, 0.0, 1e3)
+
+
+def load_safety(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> SafetyConfig:
+    """Read a rig's safety envelope.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: YAML in place of the folder's safety.yaml; None or empty: the folder's.
+
+    Raises:
+        ConfigError: naming the file, the key, what was expected and what came.
+    """
+    return load_config(SafetyConfig, rig_file("safety.yaml", path, rig))

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, OutOfRangeError
+from cabols_control.frames import FRAMES, load_frames
 from cabols_control.registration.rigid_fit import RegistrationError, require_spread
-from cabols_control.rig_folder import rig_file
+from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_hw.tracker.beam import BeamNoise
 
 
@@ -121,10 +122,18 @@ class TrackerConfig:
         return np.asarray(self.reflector_points[reflector])
 
 
-def load_tracker_config(path: str | Path | None = None) -> TrackerConfig:
-    """Read a tracker's configuration; None for the reference bench's.
+def load_tracker_config(
+    rig: str | Path | RigFolder = "", path: str | Path | None = None
+) -> TrackerConfig:
+    """Read a rig's laser tracker.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: YAML in place of the folder's tracker.yaml; None or empty: the folder's.
 
     Raises:
         ConfigError: if the file cannot be used; the message names file, key and reason.
     """
-    return load_config(TrackerConfig, rig_file("tracker.yaml", path))
+    folder = find_rig(rig)
+    shared = load_frames(folder).for_tracker()
+    return load_config(TrackerConfig, rig_file("tracker.yaml", path, folder), shared, FRAMES)

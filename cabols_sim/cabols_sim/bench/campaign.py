@@ -18,13 +18,11 @@ import yaml
 from cabols_control.bringup.graph import NodeSpec
 from cabols_control.bringup.processes import Ended, executable_path
 from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
-from cabols_control.configuration import load_config
 from cabols_control.naming import number
 from cabols_control.output_folder import output_folder
-from cabols_control.rig_folder import rig_file
 from cabols_sim.bench.commission import ToolSpec
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
-from cabols_sim.devices.robot.robot_config import RobotConfig
+from cabols_sim.devices.robot.robot_config import load_robot_truth
 
 TOOL = "run_campaign"
 COMPLETE = "complete"
@@ -117,7 +115,7 @@ def compare(folder: Path, robot_file: str = "") -> tuple[str, float]:
         The table, and the largest relative error; infinite if a joint was not identified.
     """
     found = yaml.safe_load((folder / "result.yaml").read_text(encoding="utf-8"))
-    truth = load_config(RobotConfig, rig_file("robot_truth.yaml", robot_file))
+    truth = load_robot_truth(path=robot_file)
     lines = ["joint    true [Nm/rad]   found [Nm/rad]    error   deviation   the source's scatter"]
     worst = 0.0
     for j, joint in enumerate(found["joints"]):

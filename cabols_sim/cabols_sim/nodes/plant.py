@@ -11,9 +11,7 @@ import numpy as np
 from cabols_msgs.srv import InjectFault
 from scipy.spatial.transform import Rotation
 
-from cabols_control.configuration import load_config
 from cabols_control.rig import Rig
-from cabols_control.rig_folder import rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
 from cabols_control.ros.loop import Input, Output
@@ -27,11 +25,11 @@ from cabols_hw.ros.bridge_node import BridgeNode
 from cabols_hw.safety.config import SafetyConfig
 from cabols_sim.devices.link import DEFAULT_LINK_PORT, PlantLink
 from cabols_sim.devices.robot.coupling import RobotCoupling
-from cabols_sim.devices.robot.robot_config import RobotConfig
+from cabols_sim.devices.robot.robot_config import load_robot_truth
 from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_sim.faults import FaultError
 from cabols_sim.plant.card import SimulatedQ8
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import PlantConfig, load_plant
 from cabols_sim.plant.plant import Plant
 
 POSE_EVERY = 4
@@ -45,7 +43,7 @@ POSE_PATIENCE_S = 1.0
 def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     """Build plant and card from the node's parameters."""
     path = declare(node, "plant_file", "", "YAML of the plant; empty: bench")
-    config = load_config(PlantConfig, rig_file("plant.yaml", path))
+    config = load_plant(path=path)
     if declare(node, "linear", False, "leave out everything that is not linear"):
         config = config.linear()
     seed = declare(node, "seed", 0, "of slack, bias and noise", (0, 2**31 - 1))
@@ -74,7 +72,7 @@ def make_coupling(node: BridgeNode) -> RobotCoupling | None:
     )
     if not wanted:
         return None
-    config = load_config(RobotConfig, rig_file("robot_truth.yaml", path))
+    config = load_robot_truth(path=path)
     target = RobotTarget(config, load_configurations(configurations))
     return RobotCoupling(target, PlantLink(port))
 

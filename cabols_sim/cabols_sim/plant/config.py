@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
+from pathlib import Path
 
 import numpy as np
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.configuration import STRICT
+from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
+from cabols_control.frames import load_frames
+from cabols_control.rig import LimbsConfig
+from cabols_control.rig_folder import RigFolder, find_rig, rig_file
+from cabols_hw.force_torque.ati import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -180,3 +185,29 @@ class PlantConfig:
     def without_springs(self) -> PlantConfig:
         """Return the same rig with the springs taken out (figure 3.8)."""
         return replace(self, limbs=replace(self.limbs, spring_stiffness=0.0))
+
+
+def load_plant(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> PlantConfig:
+    """Read the physics of a simulated rig.
+
+    Motors, switches and tool are as the rig's limbs.yaml and frames.yaml say, unless the file gives
+    other, true numbers.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: YAML in place of the folder's plant.yaml; None or empty: the folder's.
+
+    Raises:
+        ConfigError: naming the file, the key, what was expected and what came.
+    """
+    folder = find_rig(rig)
+    limbs, frames = load_config(LimbsConfig, folder.file("limbs.yaml")), load_frames(folder)
+    defaults = {
+        "limbs": {"gain": limbs.gain, "time_constant": limbs.time_constant},
+        "sensors": {
+            "tool_weight": STANDARD_GRAVITY * frames.tool_mass,
+            "tool_centre_of_mass": frames.tool_centre_of_mass,
+            "switch_tension": limbs.switch_tension,
+        },
+    }
+    return load_config(PlantConfig, rig_file("plant.yaml", path, folder), defaults=defaults)

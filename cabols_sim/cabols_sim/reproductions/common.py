@@ -9,13 +9,11 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
-from cabols_control.configuration import load_config
 from cabols_control.gains import LimbGains
 from cabols_control.limb_control.law import limb_law_into
 from cabols_control.rig import Rig, load_rig
-from cabols_control.rig_folder import rig_file
-from cabols_hw.card.config import CardConfig
-from cabols_sim.plant.config import LimbPlantConfig, PlantConfig
+from cabols_hw.card.config import CardConfig, load_card
+from cabols_sim.plant.config import LimbPlantConfig, PlantConfig, load_plant
 from cabols_sim.plant.limb_physics import limb_step
 
 PERIOD_S = 0.001
@@ -40,8 +38,8 @@ def bench() -> Bench:
     """Read the reference bench's files once."""
     return Bench(
         load_rig(),
-        load_config(CardConfig, rig_file("card.yaml")),
-        load_config(PlantConfig, rig_file("plant.yaml")),
+        load_card(),
+        load_plant(),
     )
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from cabols_control.command_line import DONE, FAILED, CommandParser, command
-from cabols_control.configuration import load_config
 from cabols_control.load_programs.programs import load_program
 from cabols_control.output_folder import output_folder
 from cabols_control.rig import Rig, load_rig
@@ -21,7 +20,7 @@ from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures import DPI
 from cabols_control.run_report.step_response import analyse_steps
 from cabols_hw.abb.configurations import load_configurations
-from cabols_sim.devices.robot.robot_config import RobotConfig
+from cabols_sim.devices.robot.robot_config import load_robot_truth
 from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_sim.dynamics.balance import momentum_imbalance, planar_motion, spatial_motion
 from cabols_sim.dynamics.bench_vibration import (
@@ -317,7 +316,7 @@ def _targets(output: Output, rigs: dict[str, Rig], middle: VibrationModel) -> No
 def held_by_robot(index: int = 0) -> Held:
     """Return the bench's platform in its robot's hand, at a stored configuration."""
     position, rotation, jacobian = RobotTarget().arm.solve(load_configurations().joints(index))
-    config = load_config(RobotConfig, rig_file("robot_truth.yaml"))
+    config = load_robot_truth()
     return Held(
         position,
         rotation,

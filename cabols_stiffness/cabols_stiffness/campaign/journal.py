@@ -16,8 +16,8 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from cabols_control.rig_folder import rig_file
-from cabols_stiffness.campaign.plan import CampaignPlan, load_plan
+from cabols_control.rig_folder import RigFolder
+from cabols_stiffness.campaign.plan import CampaignPlan, load_plan, plan_text
 from cabols_stiffness.campaign.requests import LoadKey
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measurements.measured_load import (
@@ -94,12 +94,15 @@ class Journal:
         loads: finished so far, in order.
     """
 
-    def __init__(self, folder: str | Path, campaign: str | Path = "") -> None:
+    def __init__(
+        self, folder: str | Path, campaign: str | Path = "", rig: str | Path | RigFolder = ""
+    ) -> None:
         """Begin a campaign, or go on with the one that is in the folder.
 
         Args:
             folder: of the campaign; created if it is missing.
-            campaign: path of the campaign.yaml; empty: the folder's own, or the bench's.
+            campaign: path of the campaign.yaml; empty: the folder's own, or the rig's.
+            rig: name or folder, see find_rig; empty: the reference bench.
 
         Raises:
             CampaignError: if another process writes there, or the folder holds another campaign.
@@ -117,7 +120,7 @@ class Journal:
                 "is another campaign running?"
             ) from error
         try:
-            self.plan = self._adopt(campaign)
+            self.plan = self._adopt(campaign, rig)
             self._samples = Table(self.folder / SAMPLES, columns(self.plan.limbs))
             self._log = Table(self.folder / LOG, LOG_COLUMNS)
             self.loads = self._read()
@@ -125,17 +128,17 @@ class Journal:
             self._lock.close()
             raise
 
-    def _adopt(self, campaign: str | Path) -> CampaignPlan:
+    def _adopt(self, campaign: str | Path, rig: str | Path | RigFolder) -> CampaignPlan:
         """Take the folder's campaign; put the one asked for there if it is new."""
         own = self.folder / PLAN
         if not own.exists():
-            plan = load_plan(campaign)
-            _write_durably(own, _text_of(campaign))
+            plan = load_plan(campaign, rig)
+            _write_durably(own, plan_text(campaign, rig))
             if plan.rig.urdf:
                 robot = Path(plan.rig.urdf)
                 _write_durably(self.folder / robot.name, robot.read_text(encoding="utf-8"))
             return load_plan(own)
-        if campaign and _text_of(campaign) != own.read_text(encoding="utf-8"):
+        if campaign and plan_text(campaign, rig) != own.read_text(encoding="utf-8"):
             raise CampaignError(
                 f"{self.folder}: expected an empty folder or the same campaign, got one with "
                 f"another {PLAN}; name another folder, or leave the campaign out to go on"
@@ -231,10 +234,6 @@ def read_log(folder: str | Path) -> list[dict[str, str]]:
             {present_name(name): cell for name, cell in row.items()}
             for row in csv.DictReader(stream)
         ]
-
-
-def _text_of(campaign: str | Path) -> str:
-    return rig_file(PLAN, campaign).read_text(encoding="utf-8")
 
 
 def _write_durably(path: Path, text: str) -> None:

@@ -6,19 +6,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass as plain_dataclass
 from dataclasses import field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.configuration import STRICT, load_config
+from cabols_control.configuration import STRICT, load_config, read_yaml
 from cabols_control.errors import ConfigError
-from cabols_control.rig_folder import rig_file
+from cabols_control.frames import FRAMES, load_frames
+from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_stiffness.measurements.measuring_rig import MeasuringRig
 from cabols_stiffness.measurements.samples import LOADING, REFERENCE, UNLOADING
 from cabols_stiffness.model.result import MODELS
 
-PLAN = "campaign.yaml"
+PLAN, ROBOT = "campaign.yaml", "robot.urdf"
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -220,10 +223,44 @@ def _ways(path: TensionPath) -> Iterator[tuple[float, int]]:
             yield share, UNLOADING
 
 
-def load_plan(path: str | Path = "") -> CampaignPlan:
-    """Read a campaign; empty: the bench's.
+def load_plan(path: str | Path = "", rig: str | Path | RigFolder = "") -> CampaignPlan:
+    """Read a campaign.
+
+    Args:
+        path: YAML of the campaign; empty: the campaign.yaml of the rig.
+        rig: name or folder, see find_rig; empty: the reference bench. Describes the rig where the
+            campaign does not.
 
     Raises:
         ConfigError: if the file cannot be used; the message names file, key and reason.
     """
-    return load_config(CampaignPlan, rig_file(PLAN, path))
+    folder = find_rig(rig)
+    file = rig_file(PLAN, path, folder)
+    missing = {} if "rig" in read_yaml(file) else {"rig": _described(folder)}
+    return load_config(CampaignPlan, file, defaults=missing)
+
+
+def plan_text(path: str | Path = "", rig: str | Path | RigFolder = "") -> str:
+    """Text of a campaign that describes its rig itself; see load_plan.
+
+    Raises:
+        ConfigError: if the file cannot be used.
+    """
+    folder = find_rig(rig)
+    file = rig_file(PLAN, path, folder)
+    content = read_yaml(file)
+    text = file.read_text(encoding="utf-8")
+    if "rig" in content:
+        return text
+    described = _described(folder)
+    if described["urdf"]:
+        described["urdf"] = Path(described["urdf"]).name
+    part = yaml.safe_dump({"rig": described}, default_flow_style=None, sort_keys=False)
+    return f"{text.rstrip()}\n# The rig, nominal, as its {FRAMES} describes it.\n{part}"
+
+
+def _described(folder: RigFolder) -> dict[str, Any]:
+    """The part `rig` of a campaign; without urdf for the bench's robot, which is installed."""
+    robot = folder.file(ROBOT)
+    bench = robot.read_bytes() == find_rig().file(ROBOT).read_bytes()
+    return {**load_frames(folder).for_campaign(), "urdf": "" if bench else str(robot)}

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import field
+from pathlib import Path
 
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import finite_array, in_range
-from cabols_control.configuration import STRICT
+from cabols_control.configuration import STRICT, load_config
+from cabols_control.rig_folder import RigFolder, rig_file
 from cabols_sim.devices.robot.flexible import FlexibleJoints
 
 
@@ -60,3 +62,18 @@ class RobotConfig:
             self.hysteresis_deflection,
             self.lag,
         )
+
+
+def load_robot_truth(
+    rig: str | Path | RigFolder = "", path: str | Path | None = None
+) -> RobotConfig:
+    """Read the physics of a rig's simulated robot.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: YAML in place of the folder's robot_truth.yaml; None or empty: the folder's.
+
+    Raises:
+        ConfigError: naming the file, the key, what was expected and what came.
+    """
+    return load_config(RobotConfig, rig_file("robot_truth.yaml", path, rig))

@@ -7,12 +7,10 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.configuration import load_config
-from cabols_control.rig_folder import rig_file
 from cabols_hw.abb.configurations import RobotConfigurations, load_configurations
 from cabols_sim.devices.robot.flexible import deflect_into
 from cabols_sim.devices.robot.kinematics import Arm, kinematics_into
-from cabols_sim.devices.robot.robot_config import RobotConfig
+from cabols_sim.devices.robot.robot_config import RobotConfig, load_robot_truth
 from cabols_sim.devices.robot.trajectory import Motion, duration_s
 
 NOWHERE = -1
@@ -77,7 +75,7 @@ class RobotTarget:
         Raises:
             ConfigError: if the bench's files cannot be used.
         """
-        config = config or load_config(RobotConfig, rig_file("robot_truth.yaml"))
+        config = config or load_robot_truth()
         self._config = config
         self._configurations = configurations or load_configurations()
         angles = config.base_rotation_xyz_deg

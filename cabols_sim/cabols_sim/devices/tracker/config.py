@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.configuration import STRICT, load_config
-from cabols_control.rig_folder import rig_file
+from cabols_control.frames import load_frames
+from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_hw.tracker.beam import BeamNoise
 
 
@@ -125,11 +126,19 @@ class TrackerTruthConfig:
         return np.asarray(Rotation.from_euler("XYZ", angles, degrees=True).as_matrix())
 
 
-def load_tracker_truth(path: str | Path | None = None) -> TrackerTruthConfig:
-    """Read the truth about a simulated tracker; None for the reference bench's.
+def load_tracker_truth(
+    rig: str | Path | RigFolder = "", path: str | Path | None = None
+) -> TrackerTruthConfig:
+    """Read the truth about a rig's simulated tracker; nominal where the file does not say.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: YAML in place of the folder's tracker_truth.yaml; None or empty: the folder's.
 
     Raises:
         ConfigError: if the file cannot be used; the message names file, key and reason.
     """
-    source = rig_file("tracker_truth.yaml", path)
-    return load_config(TrackerTruthConfig, source)
+    folder = find_rig(rig)
+    nominal = load_frames(folder).for_tracker()
+    file = rig_file("tracker_truth.yaml", path, folder)
+    return load_config(TrackerTruthConfig, file, defaults=nominal)
