@@ -15,6 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NoReturn, ParamSpec
 
 from cabols_control.errors import CabolsError, UsageError
+from cabols_control.rig_folder import BENCH, find_rig
 
 DONE, FAILED, USAGE, INTERRUPTED = 0, 1, 2, 130
 EPILOG = (
@@ -63,6 +64,24 @@ class CommandParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print one line and where there is more; exit with 2."""
         self.exit(USAGE, f"error: {message}\n`{self.prog} --help` lists the options\n")
+
+
+def rig_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--rig`, whose value is the rig's folder."""
+    parser.add_argument(
+        "--rig",
+        type=_rig,
+        default=BENCH,
+        help="name of an installed rig, or folder of a rig (default: %(default)s)",
+    )
+
+
+def _rig(text: str) -> str:
+    try:
+        folder = find_rig(text)
+    except CabolsError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text if text == BENCH else str(folder.path)
 
 
 def unknown_options(unknown: Sequence[str], known: Sequence[str]) -> str:

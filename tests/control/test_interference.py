@@ -125,7 +125,7 @@ def test_a_forearm_behind_the_tool_would_touch_a_cable(rig):
 def _arm_bodies():
     from cabols_control.rig_folder import rig_file
 
-    return load_bodies(rig_file("bodies_arm.yaml"))
+    return load_bodies(path=rig_file("bodies_arm.yaml"))
 
 
 def test_unusable_bodies_and_axes_are_named(tmp_path, rig):
@@ -134,12 +134,12 @@ def test_unusable_bodies_and_axes_are_named(tmp_path, rig):
         "cable_radius: 0.001\nclearance: .nan\njoint_length: 0.05\nattachment_length: 0.03\n"
     )
     with pytest.raises(ConfigError, match="clearance"):
-        load_bodies(path)
+        load_bodies(path=path)
     path.write_text(
         "cable_radius: 0.001\nclearance: 0.0\njoint_length: 0.05\n"
         "attachment_length: 0.03\nplatfrom: []\n"
     )
     with pytest.raises(ConfigError, match="platfrom"):
-        load_bodies(path)
+        load_bodies(path=path)
     with pytest.raises(ShapeError, match="axis: expected a direction"):
         free_turn(rig.geometry, ALONE, [0, 0, 0], np.eye(3), (0, 0, 0))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from cabols_control.rig_folder import BENCH
 from cabols_control.topics import RECORDED
 
 ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
@@ -174,18 +175,19 @@ _ALL = (*_LOOPS, *_BESIDE)
 _RIG = (*_ALL, "console")
 """Nodes that read the rig's files; the console never gets a real-time priority."""
 ARGUMENTS = (
-    Argument("geometry_file", "", "YAML of the geometry; empty: reference bench", _RIG),
-    Argument("limbs_file", "", "YAML of the limbs; empty: reference bench", _RIG),
-    Argument("control_file", "", "YAML of the control design; empty: reference bench", _RIG),
-    Argument("card_file", "", "YAML of the card's scaling; empty: reference bench", _BRIDGES),
-    Argument("safety_file", "", "YAML of the safety envelope; empty: reference bench", _BRIDGES),
+    Argument("rig", BENCH, "name of an installed rig, or folder of a rig", (*_RIG, _DEVICES)),
+    Argument("geometry_file", "", "YAML of the geometry; empty: the rig's", _RIG),
+    Argument("limbs_file", "", "YAML of the limbs; empty: the rig's", _RIG),
+    Argument("control_file", "", "YAML of the control design; empty: the rig's", _RIG),
+    Argument("card_file", "", "YAML of the card's scaling; empty: the rig's", _BRIDGES),
+    Argument("safety_file", "", "YAML of the safety envelope; empty: the rig's", _BRIDGES),
     Argument(
         "robot_configurations_file",
         "",
-        "YAML of the robot's stored configurations; empty: reference bench",
+        "YAML of the robot's stored configurations; empty: the rig's",
         (*_ROBOT, "plant"),
     ),
-    Argument("tracker_file", "", "YAML of the laser tracker; empty: reference bench", _ROBOT),
+    Argument("tracker_file", "", "YAML of the laser tracker; empty: the rig's", _ROBOT),
     Argument("robot_address", "127.0.0.1", "IP of the robot's controller", _ROBOT, ("rig",)),
     Argument("rws_port", 80, "TCP port of its Robot Web Services", _ROBOT, ("rig",)),
     Argument("egm_port", 6510, "UDP port that it sends its position to", _ROBOT, ("rig",)),
@@ -268,14 +270,16 @@ ARGUMENTS = (
     ),
     Argument("campaign_folder", "", "folder of campaigns that name none", ("stiffness_campaign",)),
     Argument("auto_start", False, "pre-tighten and load without being asked", ("supervisor",)),
-    Argument("plant_file", "", "YAML of the simulated rig; empty: bench", ("plant",), ("bench",)),
+    Argument("plant_file", "", "YAML of the plant; empty: the rig's", ("plant",), ("bench",)),
     Argument("linear", False, "simulate the linear plant", ("plant",), ("bench",)),
     Argument("seed", 0, "of the simulated rig's noise", ("plant",), ("bench",)),
     Argument(
         "speed", 1.0, "below 1: the simulated rig in slow motion", ("plant", *_ROBOT), ("bench",)
     ),
     Argument("robot", True, "simulate robot and tracker; false: a rigid target", (), ("bench",)),
-    Argument("robot_file", "", "YAML of the simulated robot; empty: bench", ("plant",), ("bench",)),
+    Argument(
+        "robot_file", "", "YAML of the robot's truth; empty: the rig's", ("plant",), ("bench",)
+    ),
     Argument("truth", False, "publish what no sensor sees", ("plant",), ("bench",)),
     Argument("lockstep", False, "deterministic: the clock waits for answers", (), ("bench",)),
     Argument("steps", 0, "lockstep: end after so many milliseconds", ("plant",), ("bench",)),

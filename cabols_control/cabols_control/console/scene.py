@@ -67,7 +67,10 @@ def load_scene(rig: str | Path | RigFolder = "", path: str | Path | None = None)
     """
     folder = find_rig(rig)
     frames = load_frames(folder)
-    places = {"reflectors": frames.reflectors, "tracker": frames.tracker_frame.position}
+    places: dict[str, Any] = {
+        "reflectors": frames.reflectors,
+        "tracker": frames.tracker_frame.position,
+    }
     if path:
         return load_config(SceneConfig, path, defaults=places)
     robot = read_arm(folder.file(ROBOT)) if folder.has(ROBOT) else None

@@ -24,6 +24,7 @@ from cabols_control.command_line import (
     CommandParser,
     command,
     fail,
+    rig_option,
 )
 from cabols_control.commissioning.figures import draw_limb, draw_overview, modelled_step, save
 from cabols_control.commissioning.results import (
@@ -196,6 +197,7 @@ def _ramp_of(rows: np.ndarray, rig: Rig, limb: int) -> dict[str, np.ndarray] | N
 
 def _arguments() -> argparse.Namespace:
     parser = CommandParser("commission", __doc__)
+    rig_option(parser)
     parser.add_argument("--limb", type=int, action="append", help="from 1; repeat; default: all")
     parser.add_argument("--output", type=Path, default=Path("build/commission"), help="to fill")
     parser.add_argument("--no-step", action="store_true", help="do not identify gain and time")
@@ -222,7 +224,7 @@ def main() -> int:
     """Commission; returns 0, 1 after a failure, 2 for bad arguments, 130 after Ctrl-C."""
     arguments = _arguments()
     files = (arguments.geometry_file, arguments.limbs_file, arguments.control_file)
-    rig = load_rig(*files)
+    rig = load_rig(arguments.rig, *files)
     cables = rig.geometry.cables
     try:
         limbs = [limb_index(typed, cables) for typed in arguments.limb or ()]

@@ -94,7 +94,10 @@ class ConsoleNode(ControlNode):
             self, "configurations", 13, "stored configurations of the robot, how many", (0, 1000)
         )
         title = declare(self, "title", "cabols", "shown in the header")
-        scene = load_scene(declare(self, "scene_file", "", "YAML of what is drawn; empty: bench"))
+        scene = load_scene(
+            self.rig_folder,
+            declare(self, "scene_file", "", "YAML of what is drawn"),
+        )
         self._foxglove = self._open_foxglove(scene)
         return Settings(
             title=title,

@@ -27,7 +27,8 @@ class MarkersNode(ControlNode):
         """Subscribe and advertise."""
         super().__init__("markers")
         self._scene = load_scene(
-            declare(self, "scene_file", "", "YAML of what is drawn; empty: bench")
+            self.rig_folder,
+            declare(self, "scene_file", "", "YAML of what is drawn"),
         )
         self._feed = Feed(self, self.rig, LatestValues())
         self._publisher = self.create_publisher(MarkerArray, "markers", topic_qos("markers"))

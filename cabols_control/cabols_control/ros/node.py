@@ -30,6 +30,7 @@ from cabols_control.ros.parameters import (
     declare,
     declare_lockstep,
     declare_rig,
+    declare_rig_folder,
     declare_scheduling,
 )
 from cabols_control.ros.statistics import Durations
@@ -125,7 +126,8 @@ class ControlNode(Node):
             ConfigError: if a configuration file cannot be used.
         """
         super().__init__(name, namespace=NAMESPACE)
-        self.rig = declare_rig(self)
+        self.rig_folder = declare_rig_folder(self)
+        self.rig = declare_rig(self, self.rig_folder)
         self.lockstep = declare_lockstep(self)
         beside = declare(
             self,

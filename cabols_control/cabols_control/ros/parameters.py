@@ -9,6 +9,7 @@ from rclpy.node import Node
 
 from cabols_control.realtime.scheduling import Scheduling
 from cabols_control.rig import Rig, load_rig
+from cabols_control.rig_folder import BENCH, RigFolder, find_rig
 
 
 def declare(
@@ -31,12 +32,18 @@ def declare(
     return node.declare_parameter(name, default, descriptor).value
 
 
-def declare_rig(node: Node) -> Rig:
-    """Declare the rig's configuration files and read them."""
+def declare_rig_folder(node: Node) -> RigFolder:
+    """Declare the rig that all files are of, and find its folder."""
+    return find_rig(declare(node, "rig", BENCH, "name of an installed rig, or folder of a rig"))
+
+
+def declare_rig(node: Node, folder: RigFolder) -> Rig:
+    """Declare files that replace the rig's, and read what control needs."""
     return load_rig(
-        geometry=declare(node, "geometry_file", "", "YAML of the geometry; empty: reference bench"),
-        limbs=declare(node, "limbs_file", "", "YAML of the limbs; empty: reference bench"),
-        control=declare(node, "control_file", "", "YAML of the control; empty: reference bench"),
+        folder,
+        geometry=declare(node, "geometry_file", "", "YAML of the geometry; empty: the rig's"),
+        limbs=declare(node, "limbs_file", "", "YAML of the limbs; empty: the rig's"),
+        control=declare(node, "control_file", "", "YAML of the control; empty: the rig's"),
     )
 
 

@@ -13,7 +13,7 @@ from cabols_control.checks import FloatArray, IntArray, finite_array, in_range
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.geometry import RigGeometry
-from cabols_control.rig_folder import rig_file
+from cabols_control.rig_folder import RigFolder, rig_file
 
 SAME_POINT_M = 1e-6
 """Attachment points closer than this are one point."""
@@ -76,13 +76,17 @@ class Bodies:
         in_range("attachment_length", self.attachment_length, 0.0, 1.0)
 
 
-def load_bodies(path: str | Path | None = None) -> Bodies:
-    """Read bodies from YAML; None for the reference bench's.
+def load_bodies(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> Bodies:
+    """Read what a rig's cables must not touch.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: YAML in place of the folder's bodies.yaml; None or empty: the folder's.
 
     Raises:
         ConfigError: naming the file, the key, what was expected and what came.
     """
-    return load_config(Bodies, rig_file("bodies.yaml", path))
+    return load_config(Bodies, rig_file("bodies.yaml", path, rig))
 
 
 class InterferenceTask(NamedTuple):

@@ -59,7 +59,8 @@ class AbbTrackerBridge(ControlNode):
             self, "tracker_address", "", "host:port of the laser tracker's server; empty: none"
         )
         tracker = load_tracker_config(
-            declare(self, "tracker_file", "", "YAML of the laser tracker; empty: bench") or None
+            self.rig_folder,
+            declare(self, "tracker_file", "", "YAML of the laser tracker; empty: the rig's"),
         )
         self._tracker_config = replace(tracker, time_stretch=tracker.time_stretch / speed)
         self._tracker_frame = declare(self, "tracker_frame", "tracker", "frame of measurements")
@@ -84,7 +85,10 @@ class AbbTrackerBridge(ControlNode):
         self._password = self._read_password()
         self._timeout_s = declare(self, "move_timeout", 60.0, "s, for one motion", (0.1, 3600.0))
         self._configurations = load_configurations(
-            declare(self, "robot_configurations_file", "", "stored configurations; empty: bench")
+            self.rig_folder,
+            declare(
+                self, "robot_configurations_file", "", "stored configurations; empty: the rig's"
+            ),
         )
         speed = declare(
             self, "speed", 1.0, "of the controller's clock; below 1: slow motion", (0.01, 1.0)

@@ -51,8 +51,8 @@ class BridgeNode(ControlNode):
             make_daq: makes the card's back end; may declare parameters of its own.
         """
         super().__init__(name)
-        card_file = declare(self, "card_file", "", "YAML of the card's scaling; empty: bench")
-        self._card = load_card(path=card_file)
+        card_file = declare(self, "card_file", "", "YAML of the card; empty: the rig's")
+        self._card = load_card(self.rig_folder, card_file)
         self.daq = make_daq(self, self.rig, self._card)
         geometry = self.rig.geometry
         n = geometry.cables
@@ -117,8 +117,8 @@ class BridgeNode(ControlNode):
         A watchdog that is set to more than the file's also widens the ages that samples and poses
         may have.
         """
-        path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: bench")
-        config = load_safety(path=path)
+        path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: the rig's")
+        config = load_safety(self.rig_folder, path)
         oldest = 2.0 * self._watchdog_s
         return replace(
             config,

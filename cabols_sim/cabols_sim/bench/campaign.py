@@ -17,9 +17,18 @@ import yaml
 
 from cabols_control.bringup.graph import NodeSpec
 from cabols_control.bringup.processes import Ended, executable_path
-from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
+from cabols_control.command_line import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    CommandParser,
+    command,
+    fail,
+    rig_option,
+)
 from cabols_control.naming import number
 from cabols_control.output_folder import output_folder
+from cabols_control.rig_folder import BENCH
 from cabols_sim.bench.commission import ToolSpec
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
 from cabols_sim.devices.robot.robot_config import load_robot_truth
@@ -41,11 +50,12 @@ class BenchCampaign:
 
     Attributes:
         folder: of the campaign.
-        campaign: its campaign.yaml; empty: the bench's.
+        campaign: its campaign.yaml; empty: the rig's.
         accuracy: to stop at; 0: none.
         seed: of the simulated rig's noise.
-        robot_file: YAML of the simulated robot; empty: bench.
+        robot_file: YAML of the simulated robot; empty: the rig's.
         real_time: by the wall clock instead of lockstep.
+        rig: name or folder, see find_rig.
     """
 
     folder: Path
@@ -54,12 +64,14 @@ class BenchCampaign:
     seed: int = 0
     robot_file: str = ""
     real_time: bool = False
+    rig: str = BENCH
 
     def values(self) -> dict[str, Any]:
         """Arguments of the graph."""
         pace = {**forgiving(), **real_time_arguments()} if self.real_time else {}
         return {
             **pace,
+            "rig": self.rig,
             "campaign": True,
             "robot": True,
             # The campaign records what its analysis needs by itself.
@@ -104,18 +116,19 @@ def analyse(folder: Path, quiet: bool = False) -> int:
     return subprocess.run(command, check=False, stdout=output).returncode
 
 
-def compare(folder: Path, robot_file: str = "") -> tuple[str, float]:
+def compare(folder: Path, robot_file: str = "", rig: str = BENCH) -> tuple[str, float]:
     """Table of what was found against the simulated robot's truth, and the worst error.
 
     Args:
         folder: of the campaign, analysed.
-        robot_file: of the simulated robot; empty: bench.
+        robot_file: of the simulated robot; empty: the rig's.
+        rig: name or folder, see find_rig.
 
     Returns:
         The table, and the largest relative error; infinite if a joint was not identified.
     """
     found = yaml.safe_load((folder / "result.yaml").read_text(encoding="utf-8"))
-    truth = load_robot_truth(path=robot_file)
+    truth = load_robot_truth(rig, robot_file)
     lines = ["joint    true [Nm/rad]   found [Nm/rad]    error   deviation   the source's scatter"]
     worst = 0.0
     for j, joint in enumerate(found["joints"]):
@@ -156,6 +169,7 @@ def _run(options: argparse.Namespace) -> int:
         options.seed,
         options.robot_file,
         options.real_time,
+        options.rig,
     )
     pace = "in real time" if options.real_time else "in lockstep"
     print(f"stiffness campaign on the simulated rig, {pace}, into {options.output}", flush=True)
@@ -180,7 +194,7 @@ def _run(options: argparse.Namespace) -> int:
     code = analyse(options.output)
     if code != 0:
         return code
-    table, worst = compare(options.output, options.robot_file)
+    table, worst = compare(options.output, options.robot_file, options.rig)
     print(table)
     verdict = "met" if worst <= WITHIN else "NOT MET"
     print(f"every joint within {100 * WITHIN:g} %: worst {100 * worst:.2f} %, {verdict}")
@@ -196,12 +210,13 @@ def _processor_s() -> float:
 
 def _arguments() -> argparse.Namespace:
     parser = CommandParser("campaign_bench", __doc__)
+    rig_option(parser)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/campaign"), help="folder (default: %(default)s)")
-    add("--campaign", default="", help="campaign.yaml; default: the bench's")
+    add("--campaign", default="", help="campaign.yaml; default: the rig's")
     add("--accuracy", type=float, default=0.0, help="stop at this relative deviation; 0: never")
     add("--seed", type=int, default=0, help="of the simulated rig's noise")
-    add("--robot-file", default="", help="YAML of the simulated robot; default: bench")
+    add("--robot-file", default="", help="YAML of the simulated robot; default: the rig's")
     add("--real-time", action="store_true", help="by the wall clock instead of lockstep")
     add("--fresh", action="store_true", help="do not go on with a campaign that was cut")
     return parser.parse_args()

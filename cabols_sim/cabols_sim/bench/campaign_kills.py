@@ -18,7 +18,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
+from cabols_control.command_line import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    CommandParser,
+    command,
+    fail,
+    rig_option,
+)
 from cabols_control.output_folder import output_folder
 from cabols_control.rig_folder import rig_file
 from cabols_sim.bench.campaign import TOOL, BenchCampaign, analyse
@@ -68,9 +76,9 @@ class Trial:
         return self.kept and self.complete and self.difference <= WORST_DEVIATIONS
 
 
-def short_campaign(path: Path, configurations: list[int], paths: int) -> None:
-    """Write a part of the bench's campaign."""
-    whole = yaml.safe_load(rig_file("campaign.yaml").read_text("utf-8"))
+def short_campaign(path: Path, configurations: list[int], paths: int, rig: str) -> None:
+    """Write a part of a rig's campaign."""
+    whole = yaml.safe_load(rig_file("campaign.yaml", rig=rig).read_text("utf-8"))
     for key in ("validation_configurations", "validation_paths"):
         del whole[key]
     whole.update(configurations=configurations, paths=whole["paths"][:paths])
@@ -177,8 +185,10 @@ def main() -> int:
 def _run(options: argparse.Namespace) -> int:
     output: Path = options.output
     file = output / "campaign.yaml"
-    short_campaign(file, [typed - 1 for typed in options.configuration or [10]], options.paths)
-    undisturbed = BenchCampaign(output / "undisturbed", str(file))
+    short_campaign(
+        file, [typed - 1 for typed in options.configuration or [10]], options.paths, options.rig
+    )
+    undisturbed = BenchCampaign(output / "undisturbed", str(file), rig=options.rig)
     print(
         f"kills: a short campaign, undisturbed, then {len(options.node)} nodes in turn", flush=True
     )
@@ -190,7 +200,7 @@ def _run(options: argparse.Namespace) -> int:
     wanted, (value, deviation) = keys(undisturbed.folder), stiffness(undisturbed.folder)
     trials: list[Trial] = []
     for number, victim in enumerate(options.node):
-        campaign = BenchCampaign(output / victim, str(file))
+        campaign = BenchCampaign(output / victim, str(file), rig=options.rig)
         after = 2 + (3 * number) % max(len(finished(undisturbed.folder)) - 4, 1)
         before, kept, downtime_s = run_trial(campaign, victim, after)
         complete = keys(campaign.folder) == wanted
@@ -229,6 +239,7 @@ def _report(trials: list[Trial], path: Path) -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = CommandParser("campaign_kills", __doc__)
+    rig_option(parser)
     add = parser.add_argument
     add("node", nargs="*", default=list(NODES), help="to kill (default: each in turn)")
     add("--output", type=Path, default=Path("build/campaign_kills"), help="folder")

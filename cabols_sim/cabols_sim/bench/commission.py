@@ -8,7 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.bringup.graph import NodeSpec
-from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
+from cabols_control.command_line import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    CommandParser,
+    command,
+    fail,
+    rig_option,
+)
 from cabols_control.naming import limb_names
 from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
@@ -42,6 +50,7 @@ def _run(arguments: argparse.Namespace) -> int:
     """Run bench and tool to the tool's end."""
     output = arguments.output
     values = {
+        "rig": arguments.rig,
         "record": False,
         "robot": arguments.robot,
         "seed": arguments.seed,
@@ -67,6 +76,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = CommandParser("commission_bench", __doc__)
+    rig_option(parser)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/commission"), help="folder to fill")
     add("--limb", type=int, action="append", help="from 1; repeat; default: all")
@@ -85,7 +95,8 @@ def _arguments() -> argparse.Namespace:
 
 def _words(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Command line of the tool."""
-    words = ["--output", str(arguments.output), "--speed", f"{arguments.speed:g}"]
+    words = ["--rig", arguments.rig, "--output", str(arguments.output)]
+    words += ["--speed", f"{arguments.speed:g}"]
     for limb in arguments.limb or []:
         words += ["--limb", str(limb)]
     for name in ("no_step", "no_ramp"):

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from cabols_control.command_line import DONE, FAILED, CommandParser, command, fail
+from cabols_control.command_line import DONE, FAILED, CommandParser, command, fail, rig_option
 from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
 
@@ -24,6 +24,7 @@ def _run(arguments: argparse.Namespace) -> int:
     """Run bench and page until Ctrl-C."""
     output = arguments.output
     values = {
+        "rig": arguments.rig,
         "robot": not arguments.rigid,
         "console": True,
         "campaign": not arguments.rigid,
@@ -56,6 +57,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = CommandParser("console_bench", __doc__)
+    rig_option(parser)
     add = parser.add_argument
     add(
         "--output", type=Path, default=Path("build/console"), help="for bags, programmes, campaigns"

@@ -16,10 +16,19 @@ from pathlib import Path
 from typing import Any
 
 from cabols_control.bringup.processes import Ended
-from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
+from cabols_control.command_line import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    CommandParser,
+    command,
+    fail,
+    rig_option,
+)
 from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
 from cabols_control.output_folder import output_folder
 from cabols_control.rig import load_rig
+from cabols_control.rig_folder import find_rig
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
 
 EVENTS = ("mode ", "programme", "error", "ERROR", "WARN", "Error", "lost")
@@ -96,9 +105,10 @@ def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
     output = arguments.output
     bag = output / "bag"
     devices = "" if arguments.rigid else ", robot and laser tracker"
+    folder, cables = find_rig(arguments.rig), load_rig(arguments.rig).geometry.cables
     print(
-        f"cabols demo: {program.name} on the simulated eight-cable rig{devices}, "
-        f"{arguments.speed:g} of real time, 1 kHz",
+        f"cabols demo: {program.name} on the simulated rig {folder.name} of {cables} cables"
+        f"{devices}, {arguments.speed:g} of real time, 1 kHz",
         flush=True,
     )
     environment = isolated_environment()
@@ -107,7 +117,9 @@ def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
     with Progress(program.duration) as progress:
         session, on_start = None, None
         if session_module is not None:
-            plan = session_module.DemoPlan(arguments.program, program.duration, arguments.speed)
+            plan = session_module.DemoPlan(
+                arguments.program, program.duration, arguments.speed, arguments.rig
+            )
             domain = int(environment["ROS_DOMAIN_ID"])
             session = session_module.DemoSession(plan, domain, progress.step)
             on_start = session.start
@@ -122,12 +134,13 @@ def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
     if not ended.first and not (session is not None and session.done):
         print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
         return INTERRUPTED
-    return _report(output, bag)
+    return _report(output, bag, arguments.rig)
 
 
 def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str, Any]:
     """Arguments of the graph."""
     values = {
+        "rig": arguments.rig,
         "output": str(bag),
         "description": f"{program}, scale 1, simulated rig, seed {arguments.seed}",
         "seed": arguments.seed,
@@ -160,6 +173,7 @@ def _failure(ended: Ended, session: Any, log: Path) -> str:
 
 def _arguments() -> argparse.Namespace:
     parser = CommandParser("demo", __doc__)
+    rig_option(parser)
     parser.add_argument("--output", type=Path, default=Path("build/demo"), help="folder to fill")
     parser.add_argument(
         "--program",
@@ -187,7 +201,7 @@ def _arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _report(output: Path, bag: Path) -> int:
+def _report(output: Path, bag: Path, rig: str) -> int:
     """Analyse the bag alone; print, plot, write."""
     from cabols_control.run_report.figures import write_figures
     from cabols_control.run_report.figures_of_merit import load_run, summarise, table
@@ -196,7 +210,7 @@ def _report(output: Path, bag: Path) -> int:
 
     print("analysing the bag", flush=True)
     run = load_run(bag)
-    summary = summarise(run, load_rig())
+    summary = summarise(run, load_rig(rig))
     print(table(summary))
     (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     print("figures, reproductions of the source's results, report", flush=True)

@@ -12,6 +12,7 @@ import sys
 import threading
 from collections.abc import Sequence
 
+from cabols_control.command_line import rig_option
 from cabols_control.errors import CabolsError
 from cabols_control.realtime.scheduling import Scheduling, apply_scheduling
 from cabols_hw.abb.configurations import load_configurations
@@ -33,8 +34,9 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--rws-port", type=int, default=DEFAULT_RWS_PORT, help="TCP port of RWS; 0: any")
     add("--tracker-port", type=int, default=DEFAULT_TRACKER_PORT, help="0: any")
     add("--no-tracker", action="store_true", help="robot only")
-    add("--configurations", default="", help="YAML of the stored configurations; empty: bench")
-    add("--tracker-file", default="", help="YAML of the simulated tracker; empty: bench")
+    rig_option(parser)
+    add("--configurations", default="", help="YAML of the stored configurations")
+    add("--tracker-file", default="", help="YAML of the simulated tracker")
     add("--user", default=USER, help="of RWS")
     add("--password", default=PASSWORD, help="of RWS")
     add("--cpu", type=int, default=-1, help="core to run on; -1: any")
@@ -50,7 +52,7 @@ def _tracker(link: DeviceLink, options: argparse.Namespace) -> TrackerServer | N
     if options.no_tracker:
         return None
     return TrackerServer(
-        link, load_tracker_truth(options.tracker_file or None), options.tracker_port
+        link, load_tracker_truth(options.rig, options.tracker_file), options.tracker_port
     )
 
 
@@ -64,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         controller = AbbController(
             link,
-            load_configurations(options.configurations),
+            load_configurations(options.rig, options.configurations),
             options.egm_port,
             options.rws_port,
             options.user,

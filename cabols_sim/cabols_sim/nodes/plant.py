@@ -42,8 +42,8 @@ POSE_PATIENCE_S = 1.0
 
 def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     """Build plant and card from the node's parameters."""
-    path = declare(node, "plant_file", "", "YAML of the plant; empty: bench")
-    config = load_plant(path=path)
+    path = declare(node, "plant_file", "", "YAML of the plant; empty: the rig's")
+    config = load_plant(node.rig_folder, path)
     if declare(node, "linear", False, "leave out everything that is not linear"):
         config = config.linear()
     seed = declare(node, "seed", 0, "of slack, bias and noise", (0, 2**31 - 1))
@@ -63,17 +63,17 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
 def make_coupling(node: BridgeNode) -> RobotCoupling | None:
     """Build the robot and its link to the device simulator; None for a rigid target."""
     wanted = declare(node, "robot", False, "flexible robot, its devices served by device_simulator")
-    path = declare(node, "robot_file", "", "YAML of the simulated robot; empty: bench")
+    path = declare(node, "robot_file", "", "YAML of the simulated robot; empty: the rig's")
     configurations = declare(
-        node, "robot_configurations_file", "", "YAML of the stored configurations; empty: bench"
+        node, "robot_configurations_file", "", "YAML of the stored configurations; empty: the rig's"
     )
     port = declare(
         node, "link_port", DEFAULT_LINK_PORT, "UDP on loopback, to device_simulator", (0, 65535)
     )
     if not wanted:
         return None
-    config = load_robot_truth(path=path)
-    target = RobotTarget(config, load_configurations(configurations))
+    config = load_robot_truth(node.rig_folder, path)
+    target = RobotTarget(config, load_configurations(node.rig_folder, configurations))
     return RobotCoupling(target, PlantLink(port))
 
 

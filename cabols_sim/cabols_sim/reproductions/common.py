@@ -12,6 +12,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.gains import LimbGains
 from cabols_control.limb_control.law import limb_law_into
 from cabols_control.rig import Rig, load_rig
+from cabols_control.rig_folder import BENCH
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_sim.plant.config import LimbPlantConfig, PlantConfig, load_plant
 from cabols_sim.plant.limb_physics import limb_step
@@ -34,13 +35,9 @@ class Bench:
 
 
 @cache
-def bench() -> Bench:
-    """Read the reference bench's files once."""
-    return Bench(
-        load_rig(),
-        load_card(),
-        load_plant(),
-    )
+def bench(rig: str = BENCH) -> Bench:
+    """Read a rig's files once; the source's results are of the reference bench."""
+    return Bench(load_rig(rig), load_card(rig), load_plant(rig))
 
 
 def without_spring(limbs: LimbPlantConfig) -> LimbPlantConfig:

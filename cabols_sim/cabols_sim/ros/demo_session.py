@@ -62,6 +62,7 @@ class DemoPlan:
         program: load programme's name or path.
         duration_s: of the programme [s].
         speed: of the rig's clock; programmes keep the wall's time.
+        rig: name or folder, see find_rig.
         configurations: of the robot, in this order; it starts in 0.
         reflector: that the tracker measures, from 0.
     """
@@ -69,6 +70,7 @@ class DemoPlan:
     program: str
     duration_s: float
     speed: float = 1.0
+    rig: str = ""
     configurations: tuple[int, ...] = (1, 0)
     reflector: int = 0
 
@@ -129,7 +131,7 @@ class DemoSession:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(node)
         node.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode"))
-        self._layout = topics.limb_state_layout(load_rig().geometry)
+        self._layout = topics.limb_state_layout(load_rig(self._plan.rig).geometry)
         self._set_mode = node.create_client(SetMode, "set_mode")
         self._actions = {
             kind: ActionClient(node, kind, name)

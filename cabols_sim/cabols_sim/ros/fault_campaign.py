@@ -14,7 +14,15 @@ import threading
 import time
 from pathlib import Path
 
-from cabols_control.command_line import DONE, FAILED, INTERRUPTED, CommandParser, command, fail
+from cabols_control.command_line import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    CommandParser,
+    command,
+    fail,
+    rig_option,
+)
 from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
@@ -49,7 +57,7 @@ class Campaign:
 
     def body(self, domain: int, pids: dict[str, int]) -> None:
         """Do the trials, then end the graph."""
-        watch = self._watch = RigWatch(domain, self._options.speed)
+        watch = self._watch = RigWatch(domain, self._options.speed, self._options.rig)
         trials = Trials(watch, pids, self._options.speed, self._options.output)
         began = time.monotonic()
         try:
@@ -153,6 +161,7 @@ def _run(options: argparse.Namespace, campaign: Campaign) -> bool:
 
     log = options.output / "log"
     values = {
+        "rig": options.rig,
         "robot": True,
         "record": False,
         "truth": True,
@@ -171,6 +180,7 @@ def _run(options: argparse.Namespace, campaign: Campaign) -> bool:
 
 def _arguments() -> argparse.Namespace:
     parser = CommandParser("fault_campaign", __doc__)
+    rig_option(parser)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/faults"), help="folder (default: %(default)s)")
     add("--seeds", type=int, default=20, help="trials of each kind (default: %(default)s)")

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
-from cabols_control.geometry import load_geometry
+from cabols_control.rig import load_rig
 from cabols_control.ros import topics, transport
 from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Input, make_wait_set, wait
@@ -55,7 +55,7 @@ class RigWatch:
         mode_reason: why it was entered.
     """
 
-    def __init__(self, domain: int, speed: float = 1.0) -> None:
+    def __init__(self, domain: int, speed: float = 1.0, rig: str = "") -> None:
         """Join a DDS domain; the rig's time passes at `speed` of this computer's."""
         self._speed = speed
         self._arrived = 0.0
@@ -71,7 +71,7 @@ class RigWatch:
         self._heard: dict[str, str] = {}
         self.mode: OperatingMode | None = None
         self.mode_reason = ""
-        geometry = load_geometry()
+        geometry = load_rig(rig).geometry
         layout = topics.limb_state_layout(geometry)
         self._state_input = Input(self._node, "true_limb_state", layout, depth=DEPTH)
         layout = topics.wrench_layout(geometry.base_frame)

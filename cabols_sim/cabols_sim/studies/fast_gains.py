@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.command_line import DONE, FAILED, CommandParser, command
+from cabols_control.command_line import DONE, FAILED, CommandParser, command, rig_option
 from cabols_control.errors import CabolsError
 from cabols_control.load_programs.programs import load_program
 from cabols_control.output_folder import output_folder
 from cabols_control.rig import Rig, load_rig
-from cabols_control.rig_folder import rig_file
+from cabols_control.rig_folder import BENCH, find_rig, rig_file
 from cabols_control.run_report.figures import DPI, draw_overview
 from cabols_control.run_report.figures_of_merit import load_run, summarise
 from cabols_sim.bench.run import run_bench
@@ -65,6 +65,7 @@ def main() -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = CommandParser("fast_gains", __doc__)
+    rig_option(parser)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/fast-gains"), help="folder for bags")
     add("--json", type=Path, default=Path("build/bench/fast_gains.json"), help="figures")
@@ -77,19 +78,23 @@ def _arguments() -> argparse.Namespace:
 
 def _prove(arguments: argparse.Namespace) -> int:
     """Run, judge, print and write everything."""
-    control = rig_file(FAST, arguments.control_file)
-    rig = load_rig(control=control)
+    folder = find_rig(arguments.rig)
+    # The design does not depend on the rig: its gains do.
+    control = rig_file(FAST, arguments.control_file, folder if folder.has(FAST) else BENCH)
+    rig = load_rig(folder, control=control)
     numbers: dict[str, Any] = {"margins": margin_numbers(rig), "programs": {}}
     print(f"design {control.name}: poles {rig.control.poles}, zero {rig.control.zero:g} 1/s")
     if arguments.search:
-        search_design(rig)
+        search_design(rig, arguments.rig)
     kept = True
     for program in arguments.program or ["steps", "multi_axis"]:
-        summary = run_program(program, control, arguments.output / Path(program).stem)
+        summary = run_program(
+            program, control, arguments.output / Path(program).stem, arguments.rig
+        )
         numbers["programs"][program] = summary
         kept = show(summary) and kept
     if arguments.draws:
-        numbers["drawn_plants"] = drawn = draw_plants(rig, arguments.draws)
+        numbers["drawn_plants"] = drawn = draw_plants(rig, arguments.draws, arguments.rig)
         kept = show_drawn(drawn) and kept
     arguments.json.parent.mkdir(parents=True, exist_ok=True)
     arguments.json.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
@@ -97,7 +102,7 @@ def _prove(arguments: argparse.Namespace) -> int:
     return DONE if kept else FAILED
 
 
-def search_design(rig: Rig) -> None:
+def search_design(rig: Rig, name: str = BENCH) -> None:
     """Search poles and zero anew on the programme `steps`, and print what comes out."""
     print("search: least peak current, generations of 40 designs ...", flush=True)
 
@@ -105,7 +110,7 @@ def search_design(rig: Rig) -> None:
         print(f"  {text}", flush=True)
 
     program = load_program("steps")
-    args = (rig, bench().card, bench().plant, program, SEARCH_RISE_S)
+    args = (rig, bench(name).card, bench(name).plant, program, SEARCH_RISE_S)
     poles, zero, found = search(*args, progress=say)
     print(
         f"search: poles {[round(p, 1) for p in poles]}, zero {zero:.1f}: slowest step "
@@ -114,13 +119,14 @@ def search_design(rig: Rig) -> None:
     )
 
 
-def run_program(program: str, control: Path, folder: Path) -> dict[str, Any]:
+def run_program(program: str, control: Path, folder: Path, rig: str = BENCH) -> dict[str, Any]:
     """Run a load programme through the real nodes in lockstep and reduce its bag to numbers.
 
     Args:
         program: built in, or the path of a .csv file.
         control: YAML of the control design.
         folder: for bag, picture and logs; without a bag so far.
+        rig: name or folder, see find_rig.
 
     Returns:
         As cabols_control.run_report.figures_of_merit.summarise.
@@ -133,6 +139,7 @@ def run_program(program: str, control: Path, folder: Path) -> dict[str, Any]:
     print(f"{program}: running the nodes in lockstep ...", flush=True)
     ended = run_bench(
         {
+            "rig": rig,
             "lockstep": True,
             "auto_start": True,
             "program": program,
@@ -150,7 +157,7 @@ def run_program(program: str, control: Path, folder: Path) -> dict[str, Any]:
         )
     print(f"{program}: done after {time.monotonic() - began:.0f} s")
     run = load_run(folder / "bag")
-    summary = summarise(run, load_rig(control=control))
+    summary = summarise(run, load_rig(rig, control=control))
     draw_overview(run, summary).savefig(folder / "overview.png", dpi=DPI)
     return summary
 
@@ -171,7 +178,7 @@ def show(summary: dict[str, Any]) -> bool:
     return kept and not summary["faults"]
 
 
-def draw_plants(rig: Rig, draws: int) -> dict[str, Any]:
+def draw_plants(rig: Rig, draws: int, name: str = BENCH) -> dict[str, Any]:
     """Vary the plant's gains and time constants about the identified ones; programme `steps`.
 
     Args:
@@ -181,7 +188,7 @@ def draw_plants(rig: Rig, draws: int) -> dict[str, Any]:
     Returns:
         Largest values over all draws.
     """
-    card, nominal = bench().card, bench().plant
+    card, nominal = bench(name).card, bench(name).plant
     desired = program_samples(load_program("steps"))
     random = np.random.default_rng(20261125)
     found = [

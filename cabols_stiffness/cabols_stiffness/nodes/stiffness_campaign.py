@@ -50,7 +50,7 @@ class StiffnessCampaignNode(ControlNode):
             self, "campaign_folder", "", "of campaigns that name none; empty: campaigns/<time>"
         )
         self._file = declare(
-            self, "campaign_file", "", "campaign.yaml of campaigns that name none; empty: bench"
+            self, "campaign_file", "", "campaign.yaml of campaigns that name none; empty: the rig's"
         )
         self._leader = TensionLeader(self)
         self._loads = self.advertise("stiffness_load")
@@ -168,7 +168,7 @@ class StiffnessCampaignNode(ControlNode):
         self._shown_folder = str(Path(folder).resolve())
         given = request.campaign or self._file
         own = Path(folder, PLAN).exists() and not request.campaign
-        journal = Journal(folder, "" if own else given)
+        journal = Journal(folder, "" if own else given, self.rig_folder)
         try:
             saved = self._reconcile(journal)
             if saved:

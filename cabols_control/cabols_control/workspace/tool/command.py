@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.command_line import DONE, CommandParser, command
+from cabols_control.command_line import DONE, CommandParser, command, rig_option
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
 from cabols_control.output_folder import output_folder
@@ -38,9 +38,10 @@ TURN_POINTS = 13
 
 def rig_options(parser: argparse.ArgumentParser) -> None:
     """Options that every subcommand takes."""
-    parser.add_argument("--geometry", type=Path, help="YAML; default: the reference bench")
+    rig_option(parser)
+    parser.add_argument("--geometry", type=Path, help="YAML; default: the rig's")
     parser.add_argument("--control", type=Path, help="YAML with the tension limits")
-    parser.add_argument("--bodies", type=Path, help="YAML of platform and target; default: bench")
+    parser.add_argument("--bodies", type=Path, help="YAML of platform and target")
     parser.add_argument("--no-bodies", action="store_true", help="leave interference out")
     parser.add_argument(
         "--box",
@@ -84,7 +85,7 @@ def required_wrenches(options: argparse.Namespace) -> WrenchSet:
 
 
 def _bodies(options: argparse.Namespace) -> Bodies | None:
-    return None if options.no_bodies else load_bodies(options.bodies)
+    return None if options.no_bodies else load_bodies(options.rig, options.bodies)
 
 
 def _progress(start_s: float) -> Callable[[int, int], None]:
@@ -137,7 +138,7 @@ def map_figures(found: WorkspaceMap, seconds: float, by: str) -> dict[str, Any]:
 
 def run_map(options: argparse.Namespace) -> None:
     """Map the workspace and leave table, meshes, figures."""
-    rig = load_rig(geometry=options.geometry, control=options.control)
+    rig = load_rig(options.rig, geometry=options.geometry, control=options.control)
     geometry, bodies = rig.geometry, _bodies(options)
     required = required_wrenches(options)
     limits = (rig.control.tension_min, rig.control.tension_max)
@@ -204,7 +205,7 @@ def _turn(
 
 def run_trajectory(options: argparse.Namespace) -> None:
     """Margins along a trajectory: table and figure."""
-    rig = load_rig(geometry=options.geometry, control=options.control)
+    rig = load_rig(options.rig, geometry=options.geometry, control=options.control)
     bodies = _bodies(options)
     positions, rotations = files.read_poses(options.poses)
     limits = (rig.control.tension_min, rig.control.tension_max)

@@ -149,8 +149,8 @@ def _pattern_rows(
 
 def run_design(options: argparse.Namespace, required: WrenchSet) -> None:
     """Optimise every pattern, compare, and leave the best geometry as YAML."""
-    rig = load_rig(geometry=options.geometry, control=options.control)
-    bodies = None if options.no_bodies else load_bodies(options.bodies)
+    rig = load_rig(options.rig, geometry=options.geometry, control=options.control)
+    bodies = None if options.no_bodies else load_bodies(options.rig, options.bodies)
     centre, turn = rig.geometry.reference_position, rig.geometry.reference_rotation
     grid = box_grid(centre, HALF_WIDTHS, COARSE, tilts(options.tilt), turn)
     limits = (rig.control.tension_min, rig.control.tension_max)
