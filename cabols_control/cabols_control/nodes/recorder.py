@@ -15,7 +15,7 @@ from cabols_control.bags.errors import BagError
 from cabols_control.bags.names import relative
 from cabols_control.errors import ConfigError
 from cabols_control.realtime.scheduling import be_ordinary
-from cabols_control.rig_folder import rig_file
+from cabols_control.rig_folder import FILES, rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.node import WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
@@ -25,7 +25,6 @@ from cabols_control.topics import RECORDED
 
 IDLE_REPORT_S = 1.0
 JOIN_S = 0.1
-RIG_FILES = ("geometry", "limbs", "control")
 
 
 class RecorderNode(ControlNode):
@@ -154,10 +153,16 @@ class RecorderNode(ControlNode):
 
     def _rig_texts(self) -> dict[str, str]:
         """Return content and hash of the rig's files."""
-        found = {}
-        for name in RIG_FILES:
-            given = self.get_parameter(f"{name}_file").value
-            path = rig_file(f"{name}.yaml", given)
+        found = {"rig": self.rig_folder.name}
+        for file in FILES:
+            if not file.name.endswith(".yaml"):
+                continue
+            name = file.name.removesuffix(".yaml")
+            parameter = f"{name}_file"
+            given = self.get_parameter(parameter).value if self.has_parameter(parameter) else ""
+            if not given and not self.rig_folder.has(file.name):
+                continue
+            path = rig_file(file.name, given, self.rig_folder)
             content = path.read_bytes()
             found[f"{name}_file"] = path.name
             found[f"{name}_yaml"] = content.decode()

@@ -184,6 +184,7 @@ def draw_plants(rig: Rig, draws: int, name: str = BENCH) -> dict[str, Any]:
     Args:
         rig: with the design.
         draws: number of plants, each with noise of its own.
+        name: of the plants' rig, see find_rig.
 
     Returns:
         Largest values over all draws.
