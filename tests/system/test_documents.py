@@ -15,6 +15,8 @@ PAGES = [
 README_LINES = 150
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+NAMED_FILE = re.compile(r"`([\w./-]+/[\w.-]+\.(?:py|yaml|mod|proto|cal|urdf|json|rviz))`")
+MADE_AT_RUN_TIME = ("build/", "bags/", "campaigns/", "share/")
 KEY = re.compile(r"\[([A-Z][A-Za-z]{1,4}\d{0,4})\](?!\()")
 
 
@@ -39,6 +41,16 @@ def broken_links(page, text):
     return found
 
 
+def missing_files(text, files):
+    """Files of the repository that a page names between backquotes and that are not there."""
+    return [
+        name
+        for name in NAMED_FILE.findall(text)
+        if not name.startswith(MADE_AT_RUN_TIME)
+        and not any(f"/{path}".endswith(f"/{name}") for path in files)
+    ]
+
+
 def missing_pages(index_page, index):
     """Pages beside an index, or below it in a folder with its own, that it does not name."""
     folder = index_page.parent
@@ -59,6 +71,25 @@ def test_every_link_leads_somewhere(page):
 def test_a_broken_link_and_a_broken_anchor_are_found():
     text = "# One head\n[a](docs/no_such_page.md) [b](#one-head) [c](#other) [d](README.md)"
     assert broken_links(ROOT / "README.md", text) == ["docs/no_such_page.md", "#other"]
+
+
+@pytest.fixture(scope="module")
+def files():
+    """Paths of the repository's files, relative."""
+    tops = [path for path in ROOT.iterdir() if not path.name.startswith(".") and path.is_dir()]
+    kept = [path for path in tops if path.name not in {"build", "install", "log"}]
+    return [path.relative_to(ROOT).as_posix() for top in kept for path in top.rglob("*.*")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_file_that_a_page_names_exists(page, files):
+    if page.name != "CHANGELOG.md":  # which names old places, too
+        assert missing_files(page.read_text(), files) == []
+
+
+def test_a_file_that_is_not_there_is_found(files):
+    text = "`cabols_hw/card/quanser.py`, `nodes/no_such_node.py`, `build/bench/tension.json`"
+    assert missing_files(text, files) == ["nodes/no_such_node.py"]
 
 
 @pytest.mark.parametrize("folder", ["docs", "docs/decisions"])
