@@ -169,8 +169,8 @@ _ROWS = (
         "where a stiffness campaign stands",
     ),
     Topic(
-        "attendance",
-        "cabols_msgs/msg/Attendance",
+        "operator_heartbeat",
+        "cabols_msgs/msg/OperatorHeartbeat",
         Quality.REPORT,
         "heartbeat of the console whose page is in command",
         recorded=False,

@@ -15,7 +15,7 @@ import httpx
 import pytest
 import rclpy
 import websockets
-from cabols_msgs.msg import Attendance, LimbState, Mode
+from cabols_msgs.msg import LimbState, Mode, OperatorHeartbeat
 from cabols_msgs.srv import SetMode
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
@@ -97,7 +97,9 @@ class Rig:
         self.asked, self.heard, self.drawn = [], [], []
         node.create_service(SetMode, "set_mode", self._set_mode)
         node.create_service(Trigger, "emergency_stop", self._stop)
-        node.create_subscription(Attendance, "attendance", self.heard.append, status_qos())
+        node.create_subscription(
+            OperatorHeartbeat, "operator_heartbeat", self.heard.append, status_qos()
+        )
         node.create_subscription(MarkerArray, "markers", self.drawn.append, status_qos())
         self._mode = node.create_publisher(Mode, "mode", latched_qos(False))
         self._state = node.create_publisher(LimbState, live_name("limb_state"), control_qos(False))

@@ -234,7 +234,7 @@ def test_online_ends_where_batch_does(samples):
     # Both have converged to a millionth of a standard deviation.
     difference = (online.result.stiffness - batch.stiffness) / batch.standard_deviation
     assert np.abs(difference).max() < 1e-4
-    assert online.accurate == (batch.accuracy <= 0.02)
+    assert online.accurate == (batch.relative_deviation_max <= 0.02)
 
 
 def test_order_of_the_samples_does_not_matter(samples):

@@ -54,7 +54,7 @@ def test_truth_is_found_within_its_deviations(campaign, loads):
     assert result.identifiable.all()
     error = (result.stiffness - TRUE) / result.standard_deviation
     assert np.abs(error).max() < 4.0
-    assert result.accuracy < 0.006
+    assert result.relative_deviation_max < 0.006
 
 
 def test_estimate_that_grew_is_that_of_all_loads_at_once(campaign, loads):

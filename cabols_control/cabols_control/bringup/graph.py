@@ -84,7 +84,7 @@ RECORDER = NodeSpec(
     ("loop_status",),
 )
 CONSOLE = NodeSpec(
-    "cabols_control", "console", ("mode", "loop_status"), ("attendance", "loop_status")
+    "cabols_control", "console", ("mode", "loop_status"), ("operator_heartbeat", "loop_status")
 )
 PLANT = NodeSpec(
     "cabols_sim",

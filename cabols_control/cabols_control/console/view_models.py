@@ -255,7 +255,7 @@ def duration_text(seconds: float) -> str:
 
 
 def estimate_rows(
-    stiffness: Any, deviation: Any, identifiable: Any, loads: int, accuracy: float
+    stiffness: Any, deviation: Any, identifiable: Any, loads: int, deviation_max: float
 ) -> dict[str, Any]:
     """Running stiffness estimate with its 95 % intervals.
 
@@ -264,7 +264,7 @@ def estimate_rows(
         deviation: (6,) standard deviations [N m/rad].
         identifiable: (6,) bool.
         loads: that it is from.
-        accuracy: largest relative standard deviation.
+        deviation_max: largest relative standard deviation.
     """
     joints = []
     for i in range(6):
@@ -280,4 +280,8 @@ def estimate_rows(
                 "percent": rounded(196.0 * deviation[i] / stiffness[i], 2) if known else None,
             }
         )
-    return {"loads": loads, "accuracy_percent": rounded(100.0 * accuracy, 2), "joints": joints}
+    return {
+        "loads": loads,
+        "deviation_max_percent": rounded(100.0 * deviation_max, 2),
+        "joints": joints,
+    }

@@ -8,7 +8,7 @@ import threading
 import time
 from pathlib import Path
 
-from cabols_msgs.msg import Attendance
+from cabols_msgs.msg import OperatorHeartbeat
 
 from cabols_control.console.access import AccessPolicy
 from cabols_control.console.dispatcher import Dispatcher, Settings
@@ -54,7 +54,8 @@ class ConsoleNode(ControlNode):
         self.address = (host, int(where.getsockname()[1]))
         self._server = ConsoleServer(self.dispatcher, policy, where, tls)
         self._scheme = "http" if tls is None else "https"
-        self._attendance = self.create_publisher(Attendance, "attendance", topic_qos("attendance"))
+        topic = "operator_heartbeat"
+        self._heartbeat = self.create_publisher(OperatorHeartbeat, topic, topic_qos(topic))
         self._ticker = Ticker(self.context, PERIOD_S, self._tick)
         self._turns = 0
         self._failure: BaseException | None = None
@@ -171,13 +172,13 @@ class ConsoleNode(ControlNode):
         """Tell whether an operator's page answers; a console that dies tells nothing any more."""
         self.dispatcher.publish_operator()
         holder = self.dispatcher.lease.holder
-        message = Attendance(
+        message = OperatorHeartbeat(
             source=self.get_name(),
-            who="" if holder is None else holder.name,
+            operator_name="" if holder is None else holder.name,
             attended=self.dispatcher.lease.attended,
         )
         message.header.stamp = self.get_clock().now().to_msg()
-        self._attendance.publish(message)
+        self._heartbeat.publish(message)
 
 
 def main() -> int:

@@ -7,8 +7,7 @@ import threading
 import time
 from typing import Any
 
-from cabols_msgs.msg import Attendance as Heartbeat
-from cabols_msgs.msg import LoopStatus
+from cabols_msgs.msg import LoopStatus, OperatorHeartbeat
 from cabols_msgs.srv import SetMode
 from std_srvs.srv import Trigger
 
@@ -77,9 +76,8 @@ class SupervisorNode(ControlNode):
         self.create_subscription(
             LoopStatus, "loop_status", self._hear_status, topic_qos("loop_status")
         )
-        self.create_subscription(
-            Heartbeat, "attendance", self._hear_operator, topic_qos("attendance")
-        )
+        beat = "operator_heartbeat"
+        self.create_subscription(OperatorHeartbeat, beat, self._hear_operator, topic_qos(beat))
         self.create_service(SetMode, "set_mode", self._set_mode)
         self.create_service(Trigger, "emergency_stop", self._emergency_stop)
         self.create_service(Trigger, "reset", self._reset)
@@ -181,9 +179,9 @@ class SupervisorNode(ControlNode):
             self._core.hear_report(message.node, self._now_s(), running, fault, stamp_s)
             self._publish_change()
 
-    def _hear_operator(self, message: Heartbeat) -> None:
+    def _hear_operator(self, message: OperatorHeartbeat) -> None:
         with self._lock:
-            self._operator_watchdog.hear(time.monotonic(), message.attended, message.who)
+            self._operator_watchdog.hear(time.monotonic(), message.attended, message.operator_name)
 
     def _set_mode(self, request: Any, response: Any) -> Any:
         with self._lock:

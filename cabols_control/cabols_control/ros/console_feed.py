@@ -233,7 +233,7 @@ class Feed:
                     message.standard_deviation,
                     message.identifiable,
                     int(message.loads),
-                    float(message.accuracy),
+                    float(message.relative_deviation_max),
                 )
             )
         for message in self._campaigns.take():

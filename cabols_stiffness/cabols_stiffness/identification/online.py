@@ -47,7 +47,7 @@ class OnlineIdentifier:
         result = self.result
         if result is None or not self._accuracy > 0.0:
             return False
-        return bool(result.identifiable.all()) and result.accuracy <= self._accuracy
+        return bool(result.identifiable.all()) and result.relative_deviation_max <= self._accuracy
 
     def add(self, samples: PointSamples) -> StiffnessResult | None:
         """Take more samples and return the new estimate, or None while there are too few."""

@@ -78,7 +78,7 @@ class StiffnessResult:
         return None if self.cubic is None else np.sqrt(np.diagonal(self.covariance)[6:])
 
     @property
-    def accuracy(self) -> float:
+    def relative_deviation_max(self) -> float:
         """Largest relative standard deviation of the identifiable joints; infinite without any."""
         relative = (self.standard_deviation / np.abs(self.stiffness))[self.identifiable]
         return float(relative.max()) if relative.size else np.inf

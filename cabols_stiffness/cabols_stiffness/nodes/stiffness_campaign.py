@@ -231,7 +231,7 @@ class StiffnessCampaignNode(ControlNode):
             self._accuracy > 0.0
             and estimate is not None
             and bool(np.all(estimate.identifiable))
-            and estimate.accuracy <= self._accuracy
+            and estimate.relative_deviation_max <= self._accuracy
         )
 
     async def _follow(self, handle: Any, run: CampaignRun) -> None:

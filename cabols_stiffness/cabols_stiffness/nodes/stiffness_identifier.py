@@ -89,7 +89,7 @@ class StiffnessIdentifierNode(ControlNode):
             standard_deviation=nan,
             cubic=nan,
             cubic_deviation=nan,
-            accuracy=float("inf"),
+            relative_deviation_max=float("inf"),
             residual_rms=float("nan"),
         )
         result = identification.result
@@ -100,11 +100,11 @@ class StiffnessIdentifierNode(ControlNode):
             message.cubic, message.cubic_deviation = result.cubic, result.cubic_deviation
         message.identifiable = [bool(known) for known in result.identifiable]
         message.residual_rms = result.residual_rms
-        message.accuracy = result.accuracy
+        message.relative_deviation_max = result.relative_deviation_max
         message.accurate = (
             self._accuracy > 0.0
             and bool(result.identifiable.all())
-            and result.accuracy <= self._accuracy
+            and result.relative_deviation_max <= self._accuracy
         )
         return message
 
