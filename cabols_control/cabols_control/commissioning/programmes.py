@@ -13,6 +13,7 @@ from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.limb_control.references import CURRENT, REST, SPEED, TENSION
 from cabols_control.naming import limb_name, limb_names
+from cabols_control.result_code import ResultCode
 
 if TYPE_CHECKING:
     from cabols_control.limb_control.controller import LimbSample
@@ -34,7 +35,15 @@ GUARD_MARGIN_N = 5.0
 
 
 class CommissioningError(CabolsError):
-    """A commissioning programme cannot be run, or what it recorded cannot be used."""
+    """A commissioning programme cannot be run, or what it recorded cannot be used.
+
+    Attributes:
+        code: why, for programs.
+    """
+
+    def __init__(self, reason: str, code: ResultCode = ResultCode.FAILED) -> None:
+        super().__init__(reason)
+        self.code = code
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,7 @@ from cabols_control.errors import CabolsError, UsageError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import limb_index, limb_name, number
 from cabols_control.output_folder import MARKER, output_folder
+from cabols_control.result_code import NOT_YET, ResultCode
 from cabols_control.rig import Rig, load_rig
 from cabols_control.ros import transport
 from cabols_control.ros.limb_trace import LimbTrace
@@ -102,7 +103,7 @@ class Tool:
             sent = time.monotonic()
             result = self._run_once(goal)
             now = time.monotonic()
-            refused = not result.success and "refuses" in result.message
+            refused = result.code in (*NOT_YET, ResultCode.FAULT_REPORTED)
             if not refused or now - sent > AT_ONCE_S or now > give_up:
                 break
             if result.message != told:

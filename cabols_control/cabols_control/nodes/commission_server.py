@@ -24,6 +24,7 @@ from cabols_control.commissioning.results import evaluate_ramp, evaluate_step
 from cabols_control.errors import CabolsError
 from cabols_control.limb_control.controller import LimbController
 from cabols_control.naming import limb_names
+from cabols_control.result_code import NOT_YET, ResultCode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
@@ -36,9 +37,7 @@ ANSWER_S = 5.0
 """The supervisor answers, and the mode arrives, within this."""
 PRETIGHTENED_S = 30.0
 TIGHT_S = 2.0
-"""This node may know so long before the supervisor that every limb is tight."""
-SETTLED_S = 1.0
-"""Pre-tightening lasts so long at least: the old zeros are gone by then."""
+"""Longest time from this node's knowing that every limb is tight to the supervisor's."""
 
 
 class LimbNode(Protocol):
@@ -49,7 +48,7 @@ class LimbNode(Protocol):
     seen_mode: OperatingMode
 
     def zeroed(self) -> BoolArray:
-        """(n,) bool of the newest limb state."""
+        """(n,) bool, limbs with a zero of the pre-tightening under way; none in other modes."""
 
 
 class CommissionServer:
@@ -98,6 +97,7 @@ class CommissionServer:
         if self._busy:
             handle.abort()
             result.message = "another limb is being commissioned: wait for its end"
+            result.code = int(ResultCode.BUSY)
             return result
         self._busy = True
         told: list[str] = []
@@ -107,9 +107,13 @@ class CommissionServer:
                 told.append(await self._do_step(handle, request.limb, config, result))
             if request.ramp:
                 told.append(await self._do_ramp(handle, request.limb, config, result))
-            result.success = True
+            result.success, result.code = True, int(ResultCode.DONE)
+        except CommissioningError as error:
+            told.append(str(error))
+            result.code = int(error.code)
         except CabolsError as error:
             told.append(str(error))
+            result.code = int(ResultCode.FAILED)
         finally:
             told += await self._give_back()
             self._busy = False
@@ -126,18 +130,24 @@ class CommissionServer:
         limbs = self._controller.limbs.tolist()
         if request.limb not in limbs:
             raise CommissioningError(
-                f"limb: expected one of the indices {limbs} (from 0), got {request.limb}"
+                f"limb: expected one of the indices {limbs} (from 0), got {request.limb}",
+                ResultCode.BAD_REQUEST,
             )
         if not (request.step or request.ramp):
-            raise CommissioningError("expected step or ramp, or both, got neither")
+            reason = "expected step or ramp, or both, got neither"
+            raise CommissioningError(reason, ResultCode.BAD_REQUEST)
         if self._node.seen_mode != OperatingMode.STOPPED:
             raise CommissioningError(
-                f"commissioning starts in STOPPED, the mode is {self._node.seen_mode.name}"
+                f"commissioning starts in STOPPED, the mode is {self._node.seen_mode.name}",
+                ResultCode.WRONG_MODE,
             )
-        return CommissioningConfig(
-            step_current=request.step_current or CommissioningConfig.step_current,
-            ramp_tension=request.ramp_tension or CommissioningConfig.ramp_tension,
-        )
+        try:
+            return CommissioningConfig(
+                step_current=request.step_current or CommissioningConfig.step_current,
+                ramp_tension=request.ramp_tension or CommissioningConfig.ramp_tension,
+            )
+        except CabolsError as error:
+            raise CommissioningError(str(error), ResultCode.BAD_REQUEST) from error
 
     async def _do_step(
         self, handle: Any, limb: int, config: CommissioningConfig, result: Any
@@ -199,14 +209,16 @@ class CommissionServer:
     async def _pretighten(self, handle: Any) -> None:
         await self._enter(OperatingMode.PRETIGHTENING)
         began = time.monotonic()
-        while (waited := time.monotonic() - began) < SETTLED_S or not self._node.zeroed().all():
+        while not self._node.zeroed().all():
             self._check(handle)
             if self._node.seen_mode == OperatingMode.FAULT:
-                raise CommissioningError("the rig went to FAULT during pre-tightening")
-            if waited > PRETIGHTENED_S:
+                reason = "the rig went to FAULT during pre-tightening"
+                raise CommissioningError(reason, ResultCode.INTERRUPTED)
+            if time.monotonic() - began > PRETIGHTENED_S:
                 left = limb_names(np.flatnonzero(~self._node.zeroed()))
                 raise CommissioningError(
-                    f"{left} did not reach their switch within {PRETIGHTENED_S:g} s"
+                    f"{left} did not reach their switch within {PRETIGHTENED_S:g} s",
+                    ResultCode.TIMED_OUT,
                 )
             handle.publish_feedback(CommissionLimb.Feedback(phase="pre-tightening"))
             await pause(self._node, POLL_S)
@@ -221,7 +233,8 @@ class CommissionServer:
                 if not programme.started and time.monotonic() - began > ANSWER_S:
                     raise CommissioningError(
                         f"{programme.kind}: the mode is {self._node.seen_mode.name}, "
-                        "COMMISSIONING did not arrive"
+                        "COMMISSIONING did not arrive",
+                        ResultCode.TIMED_OUT,
                     )
                 feedback = CommissionLimb.Feedback(
                     phase=programme.phase, progress=float(programme.progress)
@@ -235,30 +248,33 @@ class CommissionServer:
 
     def _check(self, handle: Any) -> None:
         if handle.is_cancel_requested:
-            raise CommissioningError("cancelled")
+            raise CommissioningError("cancelled", ResultCode.CANCELLED)
 
     async def _enter(self, mode: OperatingMode, patience_s: float = 0.0) -> None:
-        """Ask the supervisor for a mode; after a refusal again, for as long as patience lasts.
+        """Ask the supervisor for a mode; again for a while if it says that it is not time yet.
 
         Raises:
             CommissioningError: with its reason, or if it does not answer.
         """
         give_up = time.monotonic() + patience_s
         while not (answer := await self._ask(mode)).success:
-            if time.monotonic() >= give_up:
-                raise CommissioningError(f"the supervisor refuses {mode.name}: {answer.message}")
+            if answer.code not in NOT_YET or time.monotonic() >= give_up:
+                reason = f"the supervisor refuses {mode.name}: {answer.message}"
+                raise CommissioningError(reason, ResultCode(answer.code))
             await pause(self._node, POLL_S)
 
     async def _ask(self, mode: OperatingMode) -> Any:
         began = time.monotonic()
         while not self._modes.service_is_ready():
             if time.monotonic() - began > ANSWER_S:
-                raise CommissioningError("no service set_mode: is the supervisor running?")
+                reason = "no service set_mode: is the supervisor running?"
+                raise CommissioningError(reason, ResultCode.NOT_READY)
             await pause(self._node, POLL_S)
         future = self._modes.call_async(SetMode.Request(mode=int(mode)))
         while not future.done():
             if time.monotonic() - began > ANSWER_S:
-                raise CommissioningError(f"set_mode: no answer within {ANSWER_S:g} s")
+                reason = f"set_mode: no answer within {ANSWER_S:g} s"
+                raise CommissioningError(reason, ResultCode.TIMED_OUT)
             await pause(self._node, 0.5 * POLL_S)
         return future.result() or SetMode.Response(message="no answer")
 

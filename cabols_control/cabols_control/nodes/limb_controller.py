@@ -77,11 +77,12 @@ class LimbControllerNode(ControlNode):
         self._commissioning = CommissionServer(self, self._controller) if every else None
 
     def zeroed(self) -> BoolArray:
-        """(n,) bool, limbs with a zero in the newest limb state."""
-        record = self._state.record
-        if record is None:
+        """(n,) bool, limbs with a zero of the pre-tightening under way; none in other modes."""
+        state, mode = self._state.record, self._mode.record
+        tightening = mode is not None and int(mode["mode"]) == OperatingMode.PRETIGHTENING
+        if state is None or not tightening or int(state["zeroing"]) != int(mode["zeroing"]):
             return np.zeros(self._cables.size, dtype=np.bool_)
-        return np.array(record["zeroed"], dtype=np.bool_)
+        return np.array(state["zeroed"], dtype=np.bool_)
 
     def begin(self) -> None:
         """Start the loop."""

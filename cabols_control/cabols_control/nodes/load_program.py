@@ -16,6 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from cabols_control.errors import CabolsError
 from cabols_control.load_programs.feasibility import ProgramCheck, check_program
 from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
+from cabols_control.result_code import ResultCode
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import ControlLoop, Input
@@ -31,6 +32,10 @@ STOP_S = 8.0
 """So long the rig may take from the programme's end to STOPPED."""
 POSE_AGE_S = 1.0
 """A programme is checked at a pose that is not older."""
+
+
+class NoPoseError(CabolsError):
+    """No platform_pose arrives, so that nothing can be checked."""
 
 
 class LoadProgramNode(ControlNode):
@@ -71,6 +76,7 @@ class LoadProgramNode(ControlNode):
         self._began_s = 0.0
         self._now_s = 0.0
         self._verdict = ""
+        self._code = ResultCode.UNKNOWN
         self.done = False
         self._stopper = self.create_client(SetMode, "set_mode")
         self._asked_s: float | None = None
@@ -168,16 +174,17 @@ class LoadProgramNode(ControlNode):
         if self._running is None:
             return
         if not self._loading():
-            self._finish("interrupted: the mode is no longer LOADING")
+            self._finish("interrupted: the mode is no longer LOADING", ResultCode.INTERRUPTED)
         elif now_s - self._began_s > self._running.duration:
-            self._finish("")
+            self._finish("", ResultCode.DONE)
 
     def _start(self, program: LoadProgram) -> None:
         self._running, self._began_s, self._verdict = program, self._now_s, ""
         self.get_logger().info(f"programme {program.name}: {program.duration:g} s")
 
-    def _finish(self, verdict: str) -> None:
+    def _finish(self, verdict: str, code: ResultCode) -> None:
         self._running, self._verdict, self.done = None, verdict, True
+        self._code = code
         self.get_logger().info(verdict or "programme done")
 
     def _publish(self, stamp_ns: int) -> None:
@@ -197,7 +204,7 @@ class LoadProgramNode(ControlNode):
         self._pose.take()
         record, age_ns = self._pose.record, time.monotonic_ns() - self._pose.received_ns
         if record is None or not 1e-9 * age_ns <= POSE_AGE_S:
-            raise CabolsError("no platform_pose arrives: is the robot's bridge running?")
+            raise NoPoseError("no platform_pose arrives: is the robot's bridge running?")
         pose = read_pose(np.array(record["pose"]))
         if pose is None:
             raise CabolsError(f"platform_pose: expected a pose, got {record['pose']}")
@@ -207,10 +214,13 @@ class LoadProgramNode(ControlNode):
         try:
             found = self._check_here(request.program, request.scale)
         except CabolsError as error:
+            refused = isinstance(error, NoPoseError)
+            response.code = int(ResultCode.NOT_READY if refused else ResultCode.BAD_REQUEST)
             response.message = str(error)
             return response
         rows = found.preview()
         response.success, response.message = True, found.sentence()
+        response.code = int(ResultCode.DONE)
         response.feasible, response.name = found.feasible, found.program.name
         response.duration = found.program.duration
         response.tension_min = float(found.tension.min())
@@ -250,17 +260,20 @@ class LoadProgramNode(ControlNode):
         while self._running is program:
             if handle.is_cancel_requested:
                 with self._lock:
-                    self._finish("cancelled: unloading")
+                    self._finish("cancelled: unloading", ResultCode.CANCELLED)
                 handle.canceled()
-                return RunProgram.Result(success=False, message=self._verdict)
+                return RunProgram.Result(message=self._verdict, code=int(self._code))
             feedback.elapsed = self._now_s - self._began_s
             handle.publish_feedback(feedback)
             await pause(self, FEEDBACK_S)
-        if self._verdict:
-            handle.abort()
-        else:
+        done = self._code == ResultCode.DONE
+        if done:
             handle.succeed()
-        return RunProgram.Result(success=not self._verdict, message=self._verdict or "done")
+        else:
+            handle.abort()
+        return RunProgram.Result(
+            success=done, message=self._verdict or "done", code=int(self._code)
+        )
 
 
 def main() -> int:

@@ -18,6 +18,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.serialization import serialize_message
 
 from cabols_control.errors import ConfigError
+from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
@@ -25,7 +26,7 @@ from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
-from cabols_hw.abb.errors import RobotError
+from cabols_hw.abb.errors import MoveAbortedError, RobotError
 from cabols_hw.abb.rws import RobotMover
 from cabols_hw.ros.robot_stream import BaseFrame, RobotStream
 from cabols_hw.ros.worker import Worker
@@ -206,12 +207,19 @@ class AbbTrackerBridge(ControlNode):
     async def _move(self, handle: Any) -> Any:
         if self._motion is not None:
             handle.abort()
-            return MoveToConfiguration.Result(message="a motion is under way")
+            return MoveToConfiguration.Result(
+                message="a motion is under way", code=int(ResultCode.BUSY)
+            )
+        code = ResultCode.UNKNOWN
 
         def interrupted() -> str:
-            if self._ending:
-                return "the node ends"
-            return "cancelled" if handle.is_cancel_requested else self._forbidden()
+            nonlocal code
+            if handle.is_cancel_requested and not self._ending:
+                code = ResultCode.CANCELLED
+                return "cancelled"
+            reason = "the node ends" if self._ending else self._forbidden()
+            code = ResultCode.INTERRUPTED if reason else code
+            return reason
 
         worker = self._motion = Worker(lambda: self._drive(handle.request.index, interrupted))
         began = time.monotonic()
@@ -228,6 +236,7 @@ class AbbTrackerBridge(ControlNode):
             success=worker.failure is None,
             message=str(worker.failure or "done"),
             joints=self._joints(),
+            code=int(_code_of(worker.failure, code)),
         )
 
     def _drive(self, index: int, interrupted: Callable[[], str]) -> None:
@@ -259,7 +268,8 @@ class AbbTrackerBridge(ControlNode):
     async def _measure(self, handle: Any) -> Any:
         if self._measurement is not None:
             handle.abort()
-            return MeasureReflector.Result(message="a measurement is under way")
+            code = int(ResultCode.BUSY)
+            return MeasureReflector.Result(message="a measurement is under way", code=code)
         request = handle.request
         worker = self._measurement = Worker(lambda: self._ask_tracker(request))
         began = time.monotonic()
@@ -275,7 +285,10 @@ class AbbTrackerBridge(ControlNode):
         self._measured.publish(serialize_message(message))
         self._finish(handle, worker)
         return MeasureReflector.Result(
-            success=bool(message.success), message=message.reason or "done", measurement=message
+            success=bool(message.success),
+            message=message.reason or "done",
+            measurement=message,
+            code=int(ResultCode.DONE if message.success else ResultCode.FAILED),
         )
 
     def _ask_tracker(self, request: Any) -> Any:
@@ -328,6 +341,15 @@ class AbbTrackerBridge(ControlNode):
         reason = worker.failure if reading is None else reading.reason
         message.reason = "" if good else str(reason)
         return message
+
+
+def _code_of(failure: Exception | None, interruption: ResultCode) -> ResultCode:
+    """How a motion ended: by an interruption, if there was one; by its time-out; by the robot."""
+    if failure is None:
+        return ResultCode.DONE
+    if not isinstance(failure, MoveAbortedError):
+        return ResultCode.FAILED
+    return interruption or ResultCode.TIMED_OUT
 
 
 def main() -> int:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.supervision.faults import FaultName
 
 SAFE_WITHIN_S = 0.05
 """So soon after its detection every fault must be safe."""
@@ -20,12 +21,21 @@ TOLERANCE_N = 5.0
 
 @dataclass(frozen=True)
 class Report:
-    """One message of loop_status or mode: stamp on the rig's clock [s], who, what."""
+    """One message of loop_status or mode.
+
+    Attributes:
+        stamp_s: on the rig's clock [s].
+        node: who tells.
+        reason: what is not well, for people.
+        fault: whether it stops the rig.
+        name: what is not well, for the table; None where it has no name.
+    """
 
     stamp_s: float
     node: str
     reason: str
     fault: bool
+    name: FaultName | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +67,8 @@ class TrialResult:
         kind: name of the kind.
         seed: of its draw.
         detected: whether any node said so.
-        detection: the first report, "node: reason".
+        detection: the first report, "node: reason", for people.
+        found_by: the node of that report, with the name of what it found: for the table.
         detection_time_s: from the fault to the first report.
         safe_time_s: from detection until the rig is safe for good; see judge.
         peak_tension_n: from the fault on.
@@ -74,6 +85,7 @@ class TrialResult:
     peak_tension_n: float
     peak_force_n: float
     peak_torque_nm: float
+    found_by: str = ""
 
     @property
     def safe_in_time(self) -> bool:
@@ -120,6 +132,7 @@ def judge(kind: str, seed: int, data: TrialData) -> TrialResult:
         peak,
         force,
         torque,
+        f"{first.node}: {first.name}" if first.name is not None else first.node,
     )
 
 

@@ -57,7 +57,8 @@ def _row(kind: str, trials: list[dict[str, Any]]) -> dict[str, Any]:
     def values(name: str) -> list[float]:
         return [t[name] if t[name] is not None else np.inf for t in trials]
 
-    names = sorted({_fault_name(t["detection"]) for t in trials if t["detected"]})
+    # Trials of version 0.1 do not tell it.
+    names = sorted({t.get("found_by", "not told") for t in trials if t["detected"]})
     return {
         "kind": kind,
         "trials": len(trials),
@@ -70,12 +71,6 @@ def _row(kind: str, trials: list[dict[str, Any]]) -> dict[str, Any]:
         "peak_force_n": max(values("peak_force_n")),
         "peak_torque_nm": max(values("peak_torque_nm")),
     }
-
-
-def _fault_name(detection: str) -> str:
-    node, _, reason = detection.partition(": ")
-    name = reason.partition(":")[0]
-    return f"{node}: {name}" if len(name) < 20 and " " not in name else node
 
 
 def text(summary: dict[str, Any]) -> str:

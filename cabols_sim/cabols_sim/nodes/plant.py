@@ -11,6 +11,7 @@ import numpy as np
 from cabols_msgs.srv import InjectFault
 from scipy.spatial.transform import Rotation
 
+from cabols_control.result_code import ResultCode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
@@ -143,10 +144,11 @@ class PlantNode(BridgeNode):
         try:
             with self._lock:
                 said = self.daq.plant.inject(*order)
-            response.success = True
-            response.message = f"{said}; at {self._newest_s:.4f} s"
+                response.time = self._newest_s
+            response.success, response.code = True, int(ResultCode.DONE)
+            response.message = f"{said}; at {response.time:.4f} s"
         except FaultError as error:
-            response.success, response.message = False, str(error)
+            response.code, response.message = int(ResultCode.BAD_REQUEST), str(error)
         return response
 
     def extra_inputs(self) -> list[Input]:

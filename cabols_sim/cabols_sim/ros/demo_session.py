@@ -92,6 +92,7 @@ class DemoSession:
         self._thread = threading.Thread(target=self._run, name="demo_session", daemon=True)
         self._mode: OperatingMode | None = None
         self._reason = ""
+        self._zeroing = 0
         self._running: set[str] = set()
         self.done = False
         self.error: Exception | None = None
@@ -202,20 +203,20 @@ class DemoSession:
     def _pretighten(self, text: str) -> None:
         self._say(text)
         self._enter(OperatingMode.PRETIGHTENING)
-        # Old zeros are forgotten when the bridge hears of the mode.
-        self._pause(SETTLE_S)
         # Only now, and without a callback: the samples come at 1 kHz, and the cores are few.
         state = Input(self._node, "limb_state", self._layout)
 
         def zeroed() -> bool:
             state.take()
-            return state.record is not None and bool(state.record["zeroed"].all())
+            record = state.record
+            if record is None or int(record["zeroing"]) != self._zeroing:
+                return False
+            return bool(record["zeroed"].all())
 
         try:
             self._wait(zeroed, lambda: "the zeros of all limbs", STEP_S)
         finally:
             self._node.destroy_subscription(state.subscription)
-        self._pause(SETTLE_S)
 
     def _enter(self, mode: OperatingMode) -> None:
         """Ask for a mode until it is granted, then wait until it is there."""
@@ -293,6 +294,7 @@ class DemoSession:
         return f"reports of {', '.join(n for n in NEEDED if n not in self._running)}"
 
     def _hear_mode(self, message: Mode) -> None:
+        self._zeroing = int(message.zeroing)
         self._mode, self._reason = OperatingMode(message.mode), message.reason
 
     def _hear_status(self, message: LoopStatus) -> None:

@@ -26,6 +26,7 @@ from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.loop import Input, make_wait_set, wait
 from cabols_control.ros.qos import topic_qos
 from cabols_control.stamps import time_ns
+from cabols_control.supervision.faults import FaultName, fault_name
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.topics import NAMESPACE
 from cabols_sim.fault_campaign.judgement import Report, TrialData
@@ -68,7 +69,7 @@ class RigWatch:
         self._wrenches: list[tuple[float, FloatArray]] = []
         self._reports: list[Report] = []
         self._zeroed = False
-        self._heard: dict[str, str] = {}
+        self._heard: dict[str, tuple[bool, FaultName | None]] = {}
         self.mode: OperatingMode | None = None
         self.mode_reason = ""
         geometry = load_rig(rig).geometry
@@ -130,14 +131,16 @@ class RigWatch:
 
     def _hear_status(self, message: LoopStatus) -> None:
         fault = message.state == LoopStatus.FAULT
-        new = message.reason != self._heard.get(message.node, "")
-        self._heard[message.node] = message.reason
-        if new and message.reason:
+        name = fault_name(message.fault, fault)
+        told = (fault, name)
+        new = told != self._heard.get(message.node)
+        self._heard[message.node] = told
+        if new and name is not None:
             # Nodes beside the path of samples stamp by clocks of their own.
             stamp_s = (
                 1e-9 * time_ns(message.header.stamp) if message.node in IN_PATH else self.now_s
             )
-            self.complain(Report(stamp_s, message.node, message.reason, fault))
+            self.complain(Report(stamp_s, message.node, message.reason, fault, name))
 
     def _hear_mode(self, message: Mode) -> None:
         before, self.mode = self.mode, OperatingMode(message.mode)
@@ -145,7 +148,8 @@ class RigWatch:
         unasked = before == OperatingMode.LOADING and self.mode == OperatingMode.STOPPED
         if before != self.mode and (self.mode == OperatingMode.FAULT or unasked):
             # STOPPED out of LOADING: a supervisor that has begun anew, and stops the rig.
-            self.complain(Report(self.now_s, "supervisor", message.reason, True))
+            name = fault_name(message.fault, True)
+            self.complain(Report(self.now_s, "supervisor", message.reason, True, name))
 
     def forget(self) -> None:
         """Forget what was seen so far, but the newest."""
@@ -255,7 +259,7 @@ class RigWatch:
         answer = self.call(self._inject, request)
         if not answer.success:
             raise RigError(answer.message)
-        return float(answer.message.rpartition(" at ")[2].removesuffix(" s"))
+        return float(answer.time)
 
     def bring_to(self, mode: OperatingMode) -> None:
         """Go to a mode from wherever the rig is, resetting a FAULT, tightening before LOADING."""

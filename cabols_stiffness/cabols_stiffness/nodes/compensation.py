@@ -9,6 +9,7 @@ from cabols_msgs.srv import CorrectJoints
 
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_stiffness.model.compensation import correct
@@ -44,9 +45,9 @@ class CompensationNode(ControlNode):
         try:
             found = correct(self._result, self._robot, request.joints, request.wrench)
         except CabolsError as error:
-            response.success, response.message = False, str(error)
+            response.code, response.message = int(ResultCode.BAD_REQUEST), str(error)
             return response
-        response.success = True
+        response.success, response.code = True, int(ResultCode.DONE)
         if found.prediction.extrapolated:
             response.message = "a joint deflects farther than it did in the campaign"
         response.deflection = found.prediction.deflection

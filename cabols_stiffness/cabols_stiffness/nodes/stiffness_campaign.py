@@ -21,6 +21,7 @@ from cabols_control.bags.metadata import FILE_NAME as METADATA
 from cabols_control.bags.recover import recover
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
+from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.pause import pause
@@ -148,14 +149,17 @@ class StiffnessCampaignNode(ControlNode):
     async def _execute(self, handle: Any) -> Any:
         if not self._busy.acquire(blocking=False):
             handle.abort()
-            return RunStiffnessTest.Result(message="a campaign is running")
+            code = int(ResultCode.BUSY)
+            return RunStiffnessTest.Result(message="a campaign is running", code=code)
         try:
             return await self._campaign(handle)
         except (CabolsError, OSError) as error:
             self.get_logger().error(str(error))
-            self._last.active, self._last.phase = False, f"failed: {error}"
+            self._last.phase, self._last.code = f"failed: {error}", int(ResultCode.FAILED)
             handle.abort()
-            return RunStiffnessTest.Result(message=str(error), folder=self._shown_folder)
+            return RunStiffnessTest.Result(
+                message=str(error), folder=self._shown_folder, code=self._last.code
+            )
         finally:
             self._run = None
             self._tell_status()
@@ -259,12 +263,14 @@ class StiffnessCampaignNode(ControlNode):
 
     def _finish(self, handle: Any, run: CampaignRun) -> Any:
         standing = run.standing
-        message = run.reason or "done"
-        if run.reason:
+        message = run.reason or ("done" if run.code == ResultCode.DONE else "ended by an error")
+        if run.code != ResultCode.DONE:
             message += f"; {standing.done} loads are kept, run it again with the same folder"
-        self._last.phase = run.reason or "done"
+        self._last.phase, self._last.code = run.reason or "done", int(run.code)
+        done = run.code == ResultCode.DONE
         result = RunStiffnessTest.Result(
-            success=not run.reason,
+            success=done,
+            code=int(run.code),
             message=message,
             folder=self._shown_folder,
             loads=standing.done,
@@ -272,7 +278,7 @@ class StiffnessCampaignNode(ControlNode):
         )
         if self._estimate is not None:
             result.estimate = self._estimate
-        if not run.reason:
+        if done:
             handle.succeed()
         elif handle.is_cancel_requested:
             handle.canceled()
@@ -284,6 +290,9 @@ class StiffnessCampaignNode(ControlNode):
     def _tell_status(self) -> None:
         run, message = self._run, self._last
         message.active = run is not None
+        message.paused = run is not None and run.paused
+        if run is not None:
+            message.code = int(ResultCode.UNKNOWN)
         message.folder, message.accuracy = self._shown_folder, self._accuracy
         set_time(message.header.stamp, max(self._intake.now_ns, 0))
         if run is not None:

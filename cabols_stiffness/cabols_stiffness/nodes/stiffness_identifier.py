@@ -38,7 +38,8 @@ class StiffnessIdentifierNode(ControlNode):
         self._identification: RunningIdentification | None = None
         self._trouble: Fault | None = None
         self._last_folder = ""
-        self._reports = ReportService(self, lambda: self._last_folder)
+        self._campaign_runs = False
+        self._reports = ReportService(self, lambda: self._last_folder, lambda: self._campaign_runs)
         for msg_type, topic, hear in (
             (CampaignStatus, "campaign_status", self._hear_status),
             (StiffnessLoad, "stiffness_load", self._hear_load),
@@ -48,7 +49,8 @@ class StiffnessIdentifierNode(ControlNode):
 
     def _hear_status(self, message: CampaignStatus) -> None:
         self._accuracy, self._skipped = message.accuracy, message.skipped
-        self._last_folder = "!the campaign is running" if message.active else message.folder
+        self._campaign_runs = bool(message.active)
+        self._last_folder = message.folder
         if not message.active or message.folder == self._folder:
             return
         try:

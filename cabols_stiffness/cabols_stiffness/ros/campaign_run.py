@@ -14,6 +14,7 @@ from rclpy.serialization import serialize_message
 from cabols_control.checks import FloatArray
 from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import configuration_name, limb_names, place_name, reflector_name
+from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode
 from cabols_control.rotations import read_pose
 from cabols_control.stamps import set_time, time_ns
@@ -45,8 +46,6 @@ CALM_S = 0.5
 """Of the rig's time, before anything moves: the sensor's tare."""
 MODE_S = 10.0
 """Of the rig's time, for any change of mode."""
-FORGET_S = 0.15
-"""So long after PRETIGHTENING has begun, limb states may still tell of the old zeros."""
 BEHIND_S = 2.0
 """Of the rig's time, for the last samples of a window to arrive."""
 PAUSE_S = 1e9
@@ -73,7 +72,8 @@ class CampaignRun:
 
     Attributes:
         standing: where it is.
-        reason: why it did not come to its end; empty if it did.
+        reason: why it did not come to its end, for people; empty if it did.
+        code: how it ended; UNKNOWN while it runs.
         aborted: whether that was asked for.
     """
 
@@ -107,6 +107,7 @@ class CampaignRun:
         total = self._plan.total(rest)
         self.standing = Standing(done=len(journal.finished), total=total)
         self.reason = ""
+        self.code = ResultCode.UNKNOWN
         self.aborted = False
 
     def pause(self) -> None:
@@ -137,8 +138,12 @@ class CampaignRun:
                 request = steps.send(self._carry_out(request))
         except StopIteration:
             self.standing.phase = "done"
-        except (CampaignError, OSError) as error:
+            self.code = ResultCode.DONE
+        except InterruptedCampaignError as error:
             self.reason = str(error)
+            self.code = ResultCode.CANCELLED if self.aborted else ResultCode.INTERRUPTED
+        except (CampaignError, OSError) as error:
+            self.reason, self.code = str(error), ResultCode.FAILED
         finally:
             steps.close()
             self._leave()
@@ -153,7 +158,8 @@ class CampaignRun:
             if self._node.context.ok():
                 self._operator.enter(OperatingMode.STOPPED, MODE_S)
         except InterruptedCampaignError as error:
-            self.reason = self.reason or str(error)
+            if self.code == ResultCode.DONE:
+                self.reason, self.code = str(error), ResultCode.INTERRUPTED
 
     def _carry_out(self, request: Request) -> Reply:
         if isinstance(request, Move):
@@ -194,9 +200,8 @@ class CampaignRun:
         reason = self._operator.enter(OperatingMode.PRETIGHTENING, MODE_S)
         if reason:
             return Reply(reason)
-        self._operator.pause(FORGET_S)
-        if not self._operator.until(lambda: bool(self._intake.zeroed.all()), seconds):
-            limbs = limb_names(np.flatnonzero(~self._intake.zeroed))
+        if not self._operator.until(lambda: bool(self._intake.tight.all()), seconds):
+            limbs = limb_names(np.flatnonzero(~self._intake.tight))
             return Reply(f"{limbs} did not find their zero within {seconds:g} s")
         return Reply()
 

@@ -150,6 +150,8 @@ class Intake(GuardedThread):
         reason: why it was entered.
         tension: (n,) newest estimates [N].
         zeroed: (n,) bool, newest.
+        zeroing: number of the pre-tightening that the zeros are of.
+        mode_zeroing: number of the newest pre-tightening.
         pose: (7,) of the platform, position [m], quaternion x y z w; None before the first.
         bag: where everything goes; None: nowhere.
     """
@@ -174,6 +176,7 @@ class Intake(GuardedThread):
         self.reason = ""
         self.tension = np.full(geometry.cables, np.nan)
         self.zeroed = np.zeros(geometry.cables, dtype=bool)
+        self.zeroing = self.mode_zeroing = 0
         self.pose: np.ndarray | None = None
         self.bag: CampaignBag | None = None
         self.on_look = lambda: None
@@ -182,6 +185,11 @@ class Intake(GuardedThread):
     def now_ns(self) -> int:
         """The rig's time [ns]; -1 before the first sample."""
         return self.wrenches.newest_ns
+
+    @property
+    def tight(self) -> np.ndarray:
+        """(n,) bool, limbs with a zero of the newest pre-tightening."""
+        return self.zeroed & (self.zeroing == self.mode_zeroing)
 
     def body(self) -> None:
         """Look until the end."""
@@ -205,10 +213,12 @@ class Intake(GuardedThread):
             record = self._state.record
             self.tension = np.array(record["tension"])
             self.zeroed = np.array(record["zeroed"], dtype=bool)
+            self.zeroing = int(record["zeroing"])
         if self._pose.take():
             self.pose = np.array(self._pose.record["pose"])
         if self._mode.take():
             self.mode = OperatingMode(int(self._mode.record["mode"]))
+            self.mode_zeroing = int(self._mode.record["zeroing"])
             self.reason = self._mode.strings()["reason"]
             if bag is not None:
                 bag.add("mode", self._mode.raw, time.time_ns())

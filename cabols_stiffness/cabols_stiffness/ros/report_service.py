@@ -21,16 +21,17 @@ END_S = 2.0
 class ReportService:
     """Runs `analyze` as a process of low priority: an analysis must not cost the rig a cycle."""
 
-    def __init__(self, node: Node, folder: Callable[[], str]) -> None:
+    def __init__(self, node: Node, folder: Callable[[], str], running: Callable[[], bool]) -> None:
         """Advertise the service.
 
         Args:
             node: owner.
-            folder: returns the last campaign's; empty: none yet. With a leading reason instead,
-                such as that it is still running, begin it with "!".
+            folder: returns the last campaign's; empty: none yet.
+            running: returns whether that campaign is still running.
         """
         self._node = node
         self._folder = folder
+        self._running = running
         self._process: subprocess.Popen[str] | None = None
         node.create_service(Trigger, "report_stiffness_test", self._answer)
 
@@ -49,10 +50,10 @@ class ReportService:
         folder = self._folder()
         if self._process is not None and self._process.poll() is None:
             response.message = "an analysis is under way"
+        elif self._running():
+            response.message = "the campaign is running"
         elif not folder:
             response.message = "no campaign has been run yet"
-        elif folder.startswith("!"):
-            response.message = folder[1:]
         else:
             self._begin(folder)
             response.success, response.message = True, f"analysing {folder}"
