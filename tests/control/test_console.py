@@ -52,6 +52,7 @@ from cabols_control.kinematics import structure_matrix
 from cabols_control.load_programs.feasibility import check_program
 from cabols_control.load_programs.programs import BUILT_IN, load_program
 from cabols_control.ros import topics
+from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import MOVING, NEXT, ModeMachine, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
@@ -465,15 +466,22 @@ def test_mode_view_offers_what_the_machine_allows(mode):
     assert mode_view(None, "")["next"] == []
 
 
-def report(node, state, reason, heard_s=100.0):
-    return first_report(node, state, reason, heard_s)
+def report(node, state, reason, heard_s=100.0, fault=None):
+    return first_report(node, state, reason, heard_s, fault)
 
 
 def test_health_is_a_word_and_a_reason_never_a_colour_alone():
     reports = {
-        "plant": report("plant", 2, "sensor_flat: gauge 4 has shown 0.15 V for 0.2 s"),
+        "plant": report(
+            "plant",
+            2,
+            "sensor_flat: gauge 4 has shown 0.15 V for 0.2 s",
+            fault=FaultName.SENSOR_FLAT,
+        ),
         "abb_tracker_bridge": report("abb_tracker_bridge", 1, "", 90.0),
-        "wrench_controller": report("wrench_controller", 1, "desired_wrench: refused"),
+        "wrench_controller": report(
+            "wrench_controller", 1, "desired_wrench: refused", fault=FaultName.DESIRED
+        ),
     }
     rows = {row["node"]: row for row in loop_rows(reports, 100.0)}
     assert [rows[n]["word"] for n in sorted(rows)] == ["silent", "FAULT", "check"]

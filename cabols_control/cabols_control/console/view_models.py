@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from cabols_control.naming import number, place_name, reflector_name
+from cabols_control.supervision.faults import SENSOR_FAULTS, FaultName
 from cabols_control.supervision.modes import MOVING, NEXT, OperatingMode
 
 SILENT_S = 3.5
@@ -41,7 +42,7 @@ class LoopReport:
     Attributes:
         node: its name.
         state: LoopStatus' number.
-        reason: why it is so.
+        reason: why it is so, for people.
         cycles: since its start.
         lost: of them, or of their answers.
         late: of them.
@@ -51,6 +52,7 @@ class LoopReport:
         received_s: when it came, monotonic clock [s].
         heard_s: when the node was heard of last, here or on /diagnostics [s].
         rate_hz: cycles per second since the report before; NaN at first.
+        fault: what is not well; None for nothing.
     """
 
     node: str
@@ -65,6 +67,12 @@ class LoopReport:
     received_s: float
     heard_s: float
     rate_hz: float = math.nan
+    fault: FaultName | None = None
+
+    @property
+    def health(self) -> tuple[int, FaultName | None]:
+        """State and fault: a change of these is news."""
+        return self.state, self.fault
 
     def after(self, before: LoopReport | None) -> LoopReport:
         """Return this report with the rate since an earlier one."""
@@ -80,10 +88,12 @@ class LoopReport:
         return replace(self, heard_s=now_s)
 
 
-def first_report(node: str, state: int, reason: str, now_s: float) -> LoopReport:
+def first_report(
+    node: str, state: int, reason: str, now_s: float, fault: FaultName | None = None
+) -> LoopReport:
     """Report of a node that has told on /diagnostics only."""
     none = (math.nan, math.nan)
-    return LoopReport(node, state, reason, 0, 0, 0, 0, none, none, now_s, now_s)
+    return LoopReport(node, state, reason, 0, 0, 0, 0, none, none, now_s, now_s, math.nan, fault)
 
 
 def mode_view(mode: int | None, reason: str) -> dict[str, Any]:
@@ -117,7 +127,7 @@ def level_of(report: LoopReport, now_s: float) -> str:
         return BAD
     if report.state == 0:
         return WAIT
-    return WARN if report.reason else OK
+    return WARN if report.fault is not None else OK
 
 
 def loop_rows(reports: Mapping[str, LoopReport], now_s: float) -> list[dict[str, Any]]:
@@ -167,7 +177,7 @@ def _card(bridge: LoopReport | None, now_s: float) -> tuple[str, str, str]:
     if bridge is None:
         return "Q8 card", OFF, "no bridge has reported"
     level = level_of(bridge, now_s)
-    if level == BAD and bridge.reason.startswith("sensor_"):
+    if level == BAD and bridge.fault in SENSOR_FAULTS:
         return "Q8 card", OK, "sampling"
     said = {
         OK: f"sampling, {bridge.late} late cycles",
@@ -180,7 +190,7 @@ def _card(bridge: LoopReport | None, now_s: float) -> tuple[str, str, str]:
 def _sensor(bridge: LoopReport | None, now_s: float) -> tuple[str, str, str]:
     if bridge is None or level_of(bridge, now_s) == OFF:
         return "Force/torque sensor", OFF, "no samples"
-    if bridge.reason.startswith(("sensor_", "wrench", "estimate")):
+    if bridge.fault in SENSOR_FAULTS | {FaultName.WRENCH, FaultName.ESTIMATE}:
         return "Force/torque sensor", BAD, bridge.reason
     return "Force/torque sensor", OK, "in range"
 
@@ -215,6 +225,7 @@ def numbers(values: Any, digits: int) -> list[float | None]:
 
 def campaign_view(
     active: bool,
+    paused: bool,
     phase: str,
     loads: tuple[int, int, int],
     place: tuple[int, int, int],
@@ -225,6 +236,7 @@ def campaign_view(
 
     Args:
         active: it runs, or is paused.
+        paused: it rests, or will after the present load.
         phase: as campaign_status tells it.
         loads: finished, given up, all.
         place: configuration, reflector and load, from 0.
@@ -239,7 +251,7 @@ def campaign_view(
         text += f", {duration_text(remaining_s)}; {place_name(*place)}"
     return {
         "active": active,
-        "paused": phase in ("paused", "pausing"),
+        "paused": paused,
         "text": f"{text}. {note}" if note else text,
         "progress": done / total if total else 0.0,
     }

@@ -35,7 +35,8 @@ from cabols_control.ros.loop import Input, subscribe_aside
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.topics import message_type
 from cabols_control.rotations import read_pose
-from cabols_control.supervision.modes import OperatingMode
+from cabols_control.supervision.faults import fault_name
+from cabols_control.supervision.modes import Cause, Entry, OperatingMode
 
 STALE_S = 0.5
 """Values that are older are shown as none."""
@@ -96,7 +97,7 @@ class Feed:
         self._spoken = Typed(node, "/rosout")
         self._reports: dict[str, LoopReport] = {}
         self._beam: Measured | None = None
-        self._mode: tuple[int, str] | None = None
+        self._mode: Entry | None = None
         self._mode_s = 0.0
         self._joint_values: tuple[float, list[float]] = (0.0, [])
         self._turns = 0
@@ -165,16 +166,22 @@ class Feed:
     def _hear_modes(self) -> None:
         for message in self._modes.take():
             self._mode_s = time.monotonic()
-            heard = (int(message.mode), str(message.reason))
-            if heard == self._mode:
+            mode = OperatingMode(message.mode)
+            entry = Entry(
+                mode,
+                Cause(message.cause),
+                str(message.reason),
+                fault_name(message.fault, mode == OperatingMode.FAULT),
+                int(message.zeroing),
+            )
+            if entry == self._mode:
                 continue
-            self._mode = heard
-            mode = OperatingMode(heard[0])
+            self._mode = entry
             level = FAULT if mode == OperatingMode.FAULT else NOTICE
-            if heard[1].startswith("unattended"):
+            if entry.cause == Cause.UNATTENDED:
                 level = WARNING
-            self._latest.tell(level, "supervisor", f"mode {mode.name}: {heard[1]}")
-            self._latest.put_state(mode=mode_view(*heard))
+            self._latest.tell(level, "supervisor", f"mode {mode.name}: {entry.reason}")
+            self._latest.put_state(mode=mode_view(int(mode), entry.reason))
 
     def _hear_status(self, message: LoopStatus) -> None:
         now_s = time.monotonic()
@@ -190,13 +197,14 @@ class Feed:
             round_trip_s=(float(message.round_trip), float(message.round_trip_p99)),
             received_s=now_s,
             heard_s=now_s,
+            fault=fault_name(message.fault, message.state == LoopStatus.FAULT),
         )
         before = self._reports.get(message.node)
-        changed = before is None or (before.state, before.reason) != (report.state, report.reason)
-        if changed and report.reason:
+        changed = before is None or before.health != report.health
+        if changed and report.fault is not None:
             level = FAULT if report.state == LoopStatus.FAULT else WARNING
             self._latest.tell(level, message.node, report.reason)
-        elif changed and before is not None and before.reason:
+        elif changed and before is not None and before.fault is not None:
             self._latest.tell(INFO, message.node, "cleared")
         self._reports[message.node] = report.after(before)
 
@@ -259,6 +267,7 @@ class Feed:
 def _campaign(message: CampaignStatus) -> dict[str, Any]:
     return campaign_view(
         bool(message.active),
+        bool(message.paused),
         str(message.phase),
         (int(message.done), int(message.skipped), int(message.total)),
         (int(message.configuration), int(message.reflector), int(message.load)),
