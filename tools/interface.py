@@ -29,6 +29,8 @@ LIVE = """\
 Fast topics are repeated every 45 ms on `live/<topic>` for those who only watch. `plant` publishes
 `true_limb_state` and `true_wrench` with its parameter `truth`.
 """
+RIG_FILES = """\
+A rig is a folder with these files; the bench's is `cabols_control/cabols_control/rigs/bench`."""
 CAPTION = """\
 The simulated bench with everything. Left out: `mode`, from the supervisor to every node that acts;
 `loop_status`, from every node to supervisor and console; the recorder, which takes all topics. On a
@@ -254,6 +256,14 @@ def argument_rows() -> Iterator[tuple[object, ...]]:
         )
 
 
+def rig_file_rows() -> Iterator[tuple[str, ...]]:
+    """Yield the files of a rig's folder."""
+    from cabols_control.rig_folder import FILES
+
+    for item in FILES:
+        yield f"`{item.name}`", item.holds, f"`{item.package}`", item.without or "refused"
+
+
 def picture() -> str:
     """Draw the graph as a Mermaid flowchart: who sends what to whom."""
     nodes = [node for node in graph_nodes() if node.executable != "recorder"]
@@ -312,6 +322,8 @@ def page() -> str:
             for p in parameters(ROOT)
         ),
     )
+    lines += ["", "## Files of a rig", "", RIG_FILES, ""]
+    lines += table(("file", "what it says", "read by", "if it is missing"), rig_file_rows())
     for kind, title in (
         ("msg", "Messages"),
         ("srv", "Services' types"),
