@@ -47,9 +47,9 @@ class Request:
 
 
 class AccessPolicy:
-    """Decides about every request, of pages, commands and WebSockets alike.
+    """Decides about every request: of pages, commands and WebSockets.
 
-    A console on loopback asks for no token, unless one is given; but it answers only to requests
+    A console on loopback needs no token unless one is given, but it answers only requests
     for this machine's name, from its own pages: other sites that the operator's browser shows must
     not reach it (by a foreign Origin, or by a name that a foreign DNS points here).
     """
@@ -75,7 +75,7 @@ class AccessPolicy:
                 f"token_file: expected at least {TOKEN_MIN} characters, got {len(token)}"
             )
         self._token = token
-        # The cookie is no copy of the token, and dies with this server.
+        # The cookie is not the token itself, and ends with this server.
         salt = secrets.token_bytes(32)
         self._session = hmac.new(salt, token.encode(), hashlib.sha256).hexdigest()
 
@@ -135,10 +135,10 @@ class Holder:
 
 
 class Lease:
-    """One page at a time may command; a page that does not answer loses it to who asks."""
+    """One page at a time may command; one that does not answer loses it to the next request."""
 
     def __init__(self, alive: Callable[[str], bool]) -> None:
-        """Nobody is in command; `alive` tells whether a page answers."""
+        """Start without a page in command; `alive` returns whether a page answers."""
         self._alive = alive
         self.holder: Holder | None = None
 
@@ -164,7 +164,7 @@ class Lease:
         return True
 
     def release(self, page: str) -> bool:
-        """Give command up; whether this page had it."""
+        """Give command up; return whether this page had it."""
         if self.holder is None or self.holder.page != page:
             return False
         self.holder = None

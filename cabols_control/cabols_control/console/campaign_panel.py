@@ -22,7 +22,7 @@ LOOK_S = 2.0
 
 
 class CampaignPanel:
-    """Everything that happens is the stiffness node's doing; this shows it."""
+    """Shows and commands the campaigns; the stiffness node runs them."""
 
     def __init__(self, own: PageContext) -> None:
         """Build."""

@@ -1,4 +1,4 @@
-"""What all pages of one console share: the rig's news, who is in command, the way to the rig."""
+"""What all pages of one console share: newest values, the page in command, the rig's services."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cabols_control.naming import configuration_name, limb_name, reflector_name
 from cabols_control.supervision.modes import OperatingMode
 
 ALIVE_S = 2.0
-"""A page that has not answered for so long is lost; it answers twice a second."""
+"""Longest silence of a page, which answers twice a second, until it counts as lost [s]."""
 FORGET_S = 120.0
 FREE_FOR_ALL = ("emergency_stop",)
-"""What a page may do that is not in command."""
+"""What a page that is not in command may do."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """How a service or an action's start was answered.
+    """Answer of a service, or to an action's start.
 
     Attributes:
         success: whether it was granted.
@@ -37,7 +37,7 @@ class Answer:
 
 
 class Rig(Protocol):
-    """The way to the rig's services and actions: what any ROS client could do."""
+    """Services and actions of the rig, as any ROS client could call them."""
 
     async def call(self, service: str, fields: dict[str, Any]) -> Answer:
         """Call a service."""
@@ -57,11 +57,11 @@ class Viewer:
         page: its id.
         session: its browser's id.
         name: shown to others.
-        answered_s: when it answered last, monotonic clock; it has until ALIVE_S after opening.
-        closed: whether its wire has ended.
-        tab: told by the page when it opens its wire; the same when it is loaded again.
+        answered_s: time of its last answer, monotonic clock; a new page has ALIVE_S for its first.
+        closed: whether its WebSocket has ended.
+        tab: sent by the page when it opens its WebSocket; the same when it is loaded again.
         sent: number of the newest frame that was sent.
-        acked: number of the newest frame that it has told of.
+        acked: number of the newest frame that it has acknowledged.
     """
 
     page: str
@@ -88,7 +88,7 @@ class Settings:
         title: shown in the header.
         uploads: folder of uploaded programmes.
         campaigns: folder of stiffness campaigns and their reports.
-        configurations: of the robot, how many.
+        configurations: number of the robot's stored configurations.
         scene: what the 3-D view draws, for the page's script.
         cables: number of limbs.
     """
@@ -102,7 +102,7 @@ class Settings:
 
 
 class Dispatcher:
-    """Commands of all pages go through here; each is judged, carried out and logged."""
+    """Judges, carries out and logs the commands of all pages."""
 
     def __init__(self, rig: Rig, latest: LatestValues, settings: Settings) -> None:
         """Start without an operator."""
@@ -122,18 +122,18 @@ class Dispatcher:
         return self._clock() - viewer.answered_s <= ALIVE_S
 
     def heard(self, viewer: Viewer) -> None:
-        """Take a page's sign of life; one that was loaded again goes on in command."""
+        """Note a page's sign of life; a page that was loaded again stays in command."""
         viewer.answered_s, viewer.closed = self._clock(), False
         if viewer.tab:
             self.adopt(viewer)
 
     def lost(self, viewer: Viewer) -> None:
-        """A page's wire has ended."""
+        """Note that a page's WebSocket has ended."""
         viewer.closed = True
         self.publish_operator()
 
     def open(self, page: str, session: str, address: str) -> Viewer:
-        """Register a page; those that have long been gone are forgotten."""
+        """Register a page; pages gone for longer than FORGET_S are dropped."""
         now = self._clock()
         for key in [k for k, v in self.viewers.items() if now - v.answered_s > FORGET_S]:
             del self.viewers[key]
@@ -167,7 +167,7 @@ class Dispatcher:
         return Answer(True, "released")
 
     def publish_operator(self) -> None:
-        """Tell all pages who is in command."""
+        """Show all pages which one is in command."""
         holder = self.lease.holder
         attended = self.lease.attended
         self.latest.put_state(
@@ -198,7 +198,7 @@ class Dispatcher:
         return self._log(f"cancel {action}", {}, answer)
 
     async def look(self, service: str, **fields: Any) -> Answer:
-        """Call a service that moves nothing, such as a check; anybody may."""
+        """Call a service that moves nothing, such as a check; every page may."""
         return await self.rig.call(service, fields)
 
     def _refusal(self, page: str, what: str) -> str:
@@ -230,5 +230,5 @@ _SENTENCES: dict[str, Callable[[dict[str, Any]], str]] = {
 
 
 def mark_of(page: str) -> str:
-    """A page's mark, by which it knows itself; its id stays its own secret."""
+    """Return a page's mark, by which it recognises itself; its id stays secret."""
     return hashlib.sha256(page.encode()).hexdigest()[:16]

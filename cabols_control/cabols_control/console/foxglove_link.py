@@ -31,7 +31,7 @@ LIVE_SCHEMA: dict[str, Any] = {
 
 
 def live_message(frame: dict[str, Any]) -> dict[str, Any]:
-    """A frame with names that say what it is; what is missing is left out."""
+    """Return a frame with descriptive names; missing values are left out."""
 
     def known(values: list[float | None]) -> list[float]:
         return [math.nan if value is None else value for value in values]
@@ -53,7 +53,7 @@ def live_message(frame: dict[str, Any]) -> dict[str, Any]:
 
 
 class FoxgloveLink:
-    """foxglove-sdk's server on loopback; its own threads send, a slow viewer loses messages."""
+    """Server of foxglove-sdk on loopback; own threads send, and a slow viewer loses messages."""
 
     def __init__(self, rig: Rig, scene: SceneConfig, host: str, port: int) -> None:
         """Open the WebSocket.
@@ -91,7 +91,7 @@ class FoxgloveLink:
         self._server.stop()
 
     def send(self, frame: dict[str, Any]) -> None:
-        """Log one frame; costs little while nobody listens."""
+        """Log one frame; costs little without a viewer."""
         if self._live.has_sinks():
             self._live.log(live_message(frame))
         self._turns += 1

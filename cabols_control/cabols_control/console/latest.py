@@ -1,4 +1,4 @@
-"""Between the thread that hears the rig and the pages that show it."""
+"""Newest values of the rig, handed from the thread that receives them to the pages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Event:
         number: counts from 1.
         time_s: wall clock, seconds since 1970.
         level: info, notice, warning or fault.
-        source: node, or who did it.
+        source: node, or operator.
         text: what happened, and why.
     """
 
@@ -33,14 +33,14 @@ class Event:
     text: str
 
     def row(self) -> list[Any]:
-        """As it is sent to a page."""
+        """Return the event as it is sent to a page."""
         return [self.number, round(self.time_s, 2), self.level, self.source, self.text]
 
 
 class LatestValues:
     """Newest frame, state and events; every method may be called from any thread.
 
-    What is written here waits for nobody: a page that does not read misses frames, no more.
+    Writing never waits: a page that does not read misses frames, and nothing else.
 
     Attributes:
         on_news: called, in the writer's thread, after each frame.
@@ -105,7 +105,7 @@ class LatestValues:
             return self._version, self._state_text
 
     def events_after(self, number: int) -> list[Event]:
-        """Events that are younger than the one of this number."""
+        """Return the events after the one of this number."""
         with self._lock:
             if self._count <= number:
                 return []

@@ -1,4 +1,4 @@
-"""The parts of the page that the script fills: plain HTML with names that it knows."""
+"""Parts of the page that the script fills: plain HTML with the element names that it uses."""
 
 from __future__ import annotations
 

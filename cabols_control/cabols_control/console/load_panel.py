@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class LoadPanel:
-    """A programme can be started once its check has found it feasible; the node checks again."""
+    """Starts a programme only after its check has found it feasible; the node checks again."""
 
     def __init__(self, own: PageContext) -> None:
         """Build."""
@@ -75,7 +75,7 @@ class LoadPanel:
         program, scale = str(self._program.value), self._scale_value()
         answer = await self._own.dispatcher.look("check_program", program=program, scale=scale)
         if (program, scale) != (str(self._program.value), self._scale_value()):
-            return  # meanwhile another was chosen
+            return  # another programme was chosen meanwhile
         if not answer.success:
             self._picture.content = ""
             self._judge(False, "fault", answer.message)

@@ -20,7 +20,7 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 LOGIN = "/login"
 LOGIN_BYTES = 4096
 WRONG_TOKEN_S = 1.0
-"""A wrong guess costs so long."""
+"""Delay of the answer to a wrong token [s]."""
 POLICY_VIOLATION = 1008
 HEADERS = [
     (b"x-content-type-options", b"nosniff"),
@@ -45,7 +45,7 @@ class TooLargeError(Exception):
 
 
 class AccessMiddleware:
-    """Lets a request through to the application, or answers it itself."""
+    """Passes a request on to the application, or answers it itself."""
 
     def __init__(self, app: App, policy: AccessPolicy, body_bytes: int) -> None:
         """Wrap an application.
@@ -73,7 +73,7 @@ class AccessMiddleware:
         elif not self._policy.admitted(request):
             await self._demand(scope, request, send)
         elif request.query_token and not request.websocket:
-            # The token leaves the address bar, and with it the browser's history.
+            # The redirect removes the token from the address bar and the browser's history.
             await self._welcome(send, scope["path"])
         else:
             await self._pass(scope, receive, send)
@@ -106,14 +106,14 @@ class AccessMiddleware:
 
     async def _welcome(self, send: Send, path: str) -> None:
         cookie = f"{COOKIE}={self._policy.session}; Path=/; HttpOnly; SameSite=Strict"
-        # Never another host: two slashes would begin one.
+        # Two slashes would redirect to another host.
         where = "/" + path.lstrip("/\\")
         headers = [(b"location", where.encode()), (b"set-cookie", cookie.encode())]
         await answer(send, 303, "", headers)
 
     async def _refuse(self, scope: Scope, send: Send, status: int, reason: str) -> None:
         if scope["type"] == "websocket":
-            # Before the handshake's end, servers turn this into 403.
+            # Servers turn a close before the end of the handshake into 403.
             await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": ""})
             return
         await answer(send, status, reason + "\n")

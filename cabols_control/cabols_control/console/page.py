@@ -26,7 +26,7 @@ REFRESH_S = 0.4
 
 
 def build_page(dispatcher: Dispatcher) -> None:
-    """Register the page; every visitor gets one of their own."""
+    """Register the page; every visitor gets a page of their own."""
     # The scene's bundle of three.js is on the page's import map once its package is imported.
     import nicegui.elements.scene  # noqa: F401
 

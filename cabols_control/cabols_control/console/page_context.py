@@ -30,7 +30,7 @@ class PageContext:
         return answer
 
     def show(self, answer: Answer) -> None:
-        """Show a refusal; what was granted shows by itself, and both are in the log."""
+        """Show a refusal; a granted request shows by its effect, and both are in the log."""
         if not answer.success:
             ui.notify(
                 answer.message[:300],

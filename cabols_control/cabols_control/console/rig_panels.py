@@ -24,7 +24,7 @@ ROBOT_MODES = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
 
 
 def button(text: str, on_click: Any, name: str, colour: str = "blue-grey-8") -> ui.button:
-    """A button as all of them are; `name` is for tests and scripts."""
+    """Make a button in the page's style; `name` is for tests and scripts."""
     made = ui.button(text, on_click=on_click, color=colour)
     made.props(f"unelevated dense padding='8px 10px' data-name={name}")
     return made
@@ -33,7 +33,7 @@ def button(text: str, on_click: Any, name: str, colour: str = "blue-grey-8") -> 
 def chooser(
     options: dict[int, str], label: str, text: str, on_click: Any, name: str
 ) -> tuple[ui.select, ui.button]:
-    """A choice, and beside it the button that acts on it."""
+    """Make a choice and, beside it, the button that acts on it."""
     with ui.row().classes("items-center no-wrap full-width rowed").style("margin-top:6px"):
         choice = ui.select(options, value=0, label=label).style("flex:1")
         choice.props("dense outlined options-dense")
@@ -47,13 +47,13 @@ def enable(element: Any, on: bool) -> None:
 
 
 def mode_of(state: dict[str, Any]) -> dict[str, Any]:
-    """Mode's part of the state."""
+    """Return the mode's part of the state."""
     found: dict[str, Any] = state.get("mode") or {"number": -1, "name": "", "next": []}
     return found
 
 
 def activity(state: dict[str, Any], action: str) -> dict[str, Any]:
-    """What an action does."""
+    """Return the state of an action."""
     found: dict[str, Any] = (state.get("activities") or {}).get(action) or {}
     return found
 

@@ -1,4 +1,4 @@
-"""The console's web server: the middleware, the wire to the pages, the page itself."""
+"""The console's web server: the middleware, the pages' WebSockets, the page itself."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from cabols_control.console.uploads import UPLOAD_BYTES
 from cabols_control.errors import ConfigError
 
 BODY_BYTES = UPLOAD_BYTES + 100_000
-"""An upload, and what its form needs."""
+"""Largest upload with its form [bytes]."""
 BEHIND = 20
-"""Frames that may be on their way to a page, a second's worth; a slower page gets fewer."""
+"""Most unacknowledged frames of a page, a second's worth; a slower page gets fewer."""
 PING_S = 1.0
 PAGES = 12
-"""So many pages at once; another is refused."""
+"""Most pages at once; another one is refused."""
 UNKNOWN_PAGE, TOO_MANY = 4404, 4429
 STATIC = Path(str(files("cabols_control") / "console" / "static"))
 
@@ -56,7 +56,7 @@ def open_socket(host: str, port: int) -> socket.socket:
 
 
 class ConsoleServer:
-    """Serves until it is told to stop; run() belongs into a thread of its own."""
+    """Serves until stop(); run() needs a thread of its own."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class ConsoleServer:
 
     def stop(self) -> None:
         """Let run() return; from any thread."""
-        # No page is waited for: the rig's end must not depend on a browser.
+        # The server waits for no page: the rig's end must not depend on a browser.
         logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
         self._server.should_exit = self._server.force_exit = True
         self._wake_all()
@@ -144,10 +144,10 @@ class ConsoleServer:
         return FileResponse(path)
 
     def _on_news(self) -> None:
-        """In the rig's thread: wake the pages' tasks, wait for none."""
+        """Wake the pages' tasks without waiting; called in the rig's thread."""
         loop = self._loop
         if loop is not None and not loop.is_closed():
-            with contextlib.suppress(RuntimeError):  # it closes at this moment
+            with contextlib.suppress(RuntimeError):  # it is closing
                 loop.call_soon_threadsafe(self._wake_all_here)
 
     def _wake_all(self) -> None:
@@ -188,7 +188,7 @@ class ConsoleServer:
         ):
             while True:
                 told = json.loads(await wire.receive_text())
-                # A page that answers before its first frame tells 0, which takes nothing back.
+                # A page that answers before its first frame sends 0, which changes nothing.
                 viewer.acked = max(viewer.acked, min(int(told["a"]), viewer.sent))
                 self._dispatcher.heard(viewer)
 

@@ -1,4 +1,4 @@
-"""The rig as cylinders and spheres, for viewers that draw what they are told."""
+"""The rig as cylinders and spheres, for viewers without a model of it."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def ball(
 
 
 def rig_shapes(rig: Rig, scene: SceneConfig, frame: dict[str, Any]) -> list[Shape]:
-    """Everything that is drawn of one frame.
+    """Return the bodies of one frame.
 
     Args:
         rig: geometry and limits.

@@ -1,4 +1,4 @@
-"""Load programmes that an operator uploads: checked before anything is kept."""
+"""Load programmes that an operator uploads; each is checked before it is stored."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ UPLOAD_BYTES = 2_000_000
 ROWS = 50_000
 DURATION_S = 3600.0
 KEPT = 200
-"""Files in the folder; more must be deleted by hand before another is taken."""
+"""Most files in the folder; beyond it an upload is refused until some are deleted by hand."""
 
 
 class UploadError(CabolsError):
@@ -22,7 +22,7 @@ class UploadError(CabolsError):
 
 @dataclass(frozen=True, eq=False)
 class Upload:
-    """A programme that was kept.
+    """A programme that was stored.
 
     Attributes:
         path: of the CSV file.
@@ -90,7 +90,7 @@ def keep_upload(folder: Path, name: str, content: bytes) -> Upload:
         if not path.exists() and len(list(folder.glob("*.csv"))) >= KEPT:
             raise UploadError(f"{folder}: expected fewer than {KEPT} files; delete some")
         partial = path.with_suffix(".partial")
-        # Without the byte order mark that check_upload bears.
+        # Without the byte order mark that check_upload accepts.
         partial.write_text(content.decode("utf-8-sig"), encoding="utf-8", newline="")
         partial.replace(path)
     except OSError as error:

@@ -12,7 +12,7 @@ from cabols_control.supervision.faults import SENSOR_FAULTS, FaultName
 from cabols_control.supervision.modes import MOVING, NEXT, OperatingMode
 
 SILENT_S = 3.5
-"""Every node tells on /diagnostics once a second."""
+"""Longest silence of a node, which reports on /diagnostics once a second [s]."""
 BRIDGES = ("plant", "q8_ati_bridge")
 ROBOT = "abb_tracker_bridge"
 OK, WAIT, WARN, BAD, OFF = "ok", "wait", "warn", "fault", "off"
@@ -32,7 +32,7 @@ OPERATOR_MODES = (
     OperatingMode.PRETIGHTENING,
     OperatingMode.LOADING,
 )
-"""Modes that a person asks for; the others are entered by the rig, or by an action."""
+"""Modes that an operator requests; the others are entered by the rig or by an action."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ class LoopReport:
         infeasible: of them.
         work_s: median and 99th percentile of a cycle's work [s].
         round_trip_s: median and 99th percentile from state to command [s].
-        received_s: when it came, monotonic clock [s].
-        heard_s: when the node was heard of last, here or on /diagnostics [s].
+        received_s: when it was received, monotonic clock [s].
+        heard_s: when the node last reported, here or on /diagnostics [s].
         rate_hz: cycles per second since the report before; NaN at first.
         fault: what is not well; None for nothing.
     """
@@ -84,7 +84,7 @@ class LoopReport:
         return replace(self, rate_hz=rate_hz)
 
     def heard(self, now_s: float) -> LoopReport:
-        """Return this report of a node that has just been heard of."""
+        """Return this report of a node that has just reported on /diagnostics."""
         return replace(self, heard_s=now_s)
 
 
@@ -97,7 +97,7 @@ def first_report(
 
 
 def mode_view(mode: int | None, reason: str) -> dict[str, Any]:
-    """Mode, in words, and where an operator may ask it to go."""
+    """Return the mode in words, and the modes that an operator may request."""
     if mode is None:
         return {
             "number": -1,
@@ -120,7 +120,7 @@ def mode_view(mode: int | None, reason: str) -> dict[str, Any]:
 
 
 def level_of(report: LoopReport, now_s: float) -> str:
-    """How a node fares."""
+    """Return the level of a node's state."""
     if not now_s - report.heard_s <= SILENT_S:
         return OFF
     if report.state == 2:
@@ -155,7 +155,7 @@ def loop_rows(reports: Mapping[str, LoopReport], now_s: float) -> list[dict[str,
 
 @dataclass(frozen=True)
 class Measured:
-    """Newest measurement of the laser tracker, or what kept it from being one."""
+    """Newest measurement of the laser tracker, or why it failed."""
 
     reflector: int
     success: bool
@@ -166,7 +166,7 @@ class Measured:
 def device_rows(
     reports: Mapping[str, LoopReport], measured: Measured | None, now_s: float
 ) -> list[dict[str, str]]:
-    """Card, force/torque sensor, robot's stream and tracker's beam, as the nodes tell of them."""
+    """Return card, force/torque sensor, robot's stream and tracker's beam as nodes report them."""
     bridge = next((reports[name] for name in BRIDGES if name in reports), None)
     rows = [_card(bridge, now_s), _sensor(bridge, now_s), _robot(reports.get(ROBOT), now_s)]
     rows.append(_beam(measured))
@@ -232,7 +232,7 @@ def campaign_view(
     remaining_s: float,
     note: str,
 ) -> dict[str, Any]:
-    """Where a stiffness campaign stands, in words.
+    """Return the state of a stiffness campaign in words.
 
     Args:
         active: it runs, or is paused.
@@ -258,7 +258,7 @@ def campaign_view(
 
 
 def duration_text(seconds: float) -> str:
-    """How long something takes yet."""
+    """Return the time left in words."""
     if not math.isfinite(seconds):
         return "time left unknown"
     if seconds < 120.0:

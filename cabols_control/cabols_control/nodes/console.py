@@ -1,4 +1,4 @@
-"""Node: the operator's console, a web page; its heartbeat tells the supervisor who is there."""
+"""Node: the operator's console, a web page; its heartbeat names the operator to the supervisor."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ END_S = 1.0
 
 
 class ConsoleNode(ControlNode):
-    """Looks at the rig twenty times a second; the server runs in a thread of its own.
+    """Reads the rig's state twenty times a second; the server runs in a thread of its own.
 
     The page commands nothing by itself: each action is a service or action of another node.
     """
@@ -124,7 +124,7 @@ class ConsoleNode(ControlNode):
         return link
 
     def begin(self) -> None:
-        """Look and serve."""
+        """Start reading and serving."""
         super().begin()
         self._ticker.start()
         self._thread.start()
@@ -133,7 +133,7 @@ class ConsoleNode(ControlNode):
         self.get_logger().info(f"console at {self._scheme}://{shown}:{port}")
 
     def end(self) -> None:
-        """Say that nobody is there any more, and stop."""
+        """Publish that no operator is present, and stop."""
         self._ending = True
         self._ticker.stop()
         self._server.stop()
@@ -145,7 +145,7 @@ class ConsoleNode(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended a thread."""
+        """Return the error that ended a thread."""
         return self._failure or self._ticker.failure
 
     def _serve(self) -> None:
@@ -169,7 +169,7 @@ class ConsoleNode(ControlNode):
         self.status.cycle(time.time_ns(), RUNNING)
 
     def _beat(self) -> None:
-        """Tell whether an operator's page answers; a console that dies tells nothing any more."""
+        """Publish whether an operator's page answers; a dead console publishes nothing."""
         self.dispatcher.publish_operator()
         holder = self.dispatcher.lease.holder
         message = OperatorHeartbeat(
@@ -184,7 +184,7 @@ class ConsoleNode(ControlNode):
 def main() -> int:
     """Entry point; ends the process itself.
 
-    To take the interpreter down object by object costs a web server seconds on a busy machine.
+    Finalising the interpreter object by object takes a web server seconds on a busy machine.
     """
     code = run_node(ConsoleNode)
     sys.stdout.flush()

@@ -49,11 +49,11 @@ ACTIONS: dict[str, Any] = {
 class Calls:
     """Clients of the rig's services and actions, for coroutines of the server's loop.
 
-    Their answers arrive in the node's executor; they are handed over to the loop that asked.
+    Their answers arrive in the node's executor, which hands them to the loop that called.
     """
 
     def __init__(self, node: Node, latest: LatestValues) -> None:
-        """Make the clients; nothing is called."""
+        """Create the clients without calling them."""
         self._node = node
         self._latest = latest
         self._services = {
@@ -69,7 +69,7 @@ class Calls:
             client.destroy()
 
     async def call(self, service: str, fields: dict[str, Any]) -> Answer:
-        """Call a service; what does not answer in time is said."""
+        """Call a service; the answer says so if it does not reply in time."""
         client, (kind, name) = self._services[service], SERVICES[service]
         if not client.service_is_ready():
             return Answer(False, f"no service {name}: its node is not running")
@@ -82,7 +82,7 @@ class Calls:
         return Answer(bool(response.success), str(response.message) or "done", response)
 
     async def start(self, action: str, fields: dict[str, Any]) -> Answer:
-        """Send a goal; its end is told by the activities."""
+        """Send a goal; its end shows in the activities."""
         client, kind = self._actions[action], ACTIONS[action]
         if not client.server_is_ready():
             return Answer(False, f"no action {action}: its node is not running")
@@ -112,7 +112,7 @@ class Calls:
         return Answer(True, "accepted")
 
     async def cancel(self, action: str) -> Answer:
-        """Cancel what was started here."""
+        """Cancel an action that was started here."""
         handle = self._handles.get(action)
         if handle is None:
             return Answer(False, f"{action} is not under way")
@@ -136,7 +136,7 @@ class Calls:
         return future.result()
 
     def _begin_late(self, action: str, sent: Future) -> None:
-        """An answer that came after all: what has begun can then still be cancelled."""
+        """Take a late answer, so that an action that has begun can still be cancelled."""
         handle = sent.result()
         if handle is not None and handle.accepted:
             self._set(action, busy=True, text="accepted late")
@@ -191,7 +191,7 @@ def _program_feedback(f: Any) -> tuple[float, str]:
 
 
 def _campaign_feedback(f: Any) -> tuple[float, str]:
-    """The rest is on campaign_status, for every page and every console."""
+    """Shorten the feedback: campaign_status holds the rest, for every page and console."""
     return f.done / max(f.total, 1), str(f.phase)
 
 

@@ -1,4 +1,4 @@
-"""What the console hears of the rig: looked at twenty times a second, from slow copies only."""
+"""The console's inputs, read twenty times a second from slow copies of the topics."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from cabols_control.supervision.faults import fault_name
 from cabols_control.supervision.modes import Cause, Entry, OperatingMode
 
 STALE_S = 0.5
-"""Values that are older are shown as none."""
+"""Longest age of a value that is shown [s]."""
 STATE_EVERY = 10
-"""Frames between two looks at the loops' health: half a second."""
+"""Frames between two updates of the loops' health: half a second."""
 LEVELS = {DiagnosticStatus.OK: 1, DiagnosticStatus.WARN: 0, DiagnosticStatus.ERROR: 2}
 """Level on /diagnostics to state of LoopStatus."""
 LOUD = 30
-"""rosout's number of a warning; below it, nodes speak for their own log."""
+"""Level of a warning on rosout; lower ones stay in the nodes' own logs."""
 ROS_TOPICS: dict[str, tuple[type, QoSProfile]] = {
     "/diagnostics": (DiagnosticArray, QoSProfile(depth=100)),
     "/rosout": (Log, QoSProfile(depth=200, durability=DurabilityPolicy.VOLATILE)),
@@ -53,7 +53,7 @@ ROS_TOPICS: dict[str, tuple[type, QoSProfile]] = {
 
 
 class Typed:
-    """Messages of a rare topic, taken as objects on a look; no executor wakes for them."""
+    """Messages of a rare topic, taken as objects when read; no executor wakes up for them."""
 
     def __init__(self, node: Node, topic: str) -> None:
         """Subscribe to a topic of the graph, or to one of ROS itself."""
@@ -63,7 +63,7 @@ class Typed:
         self._handle = self.subscription.handle
 
     def take(self) -> list[Any]:
-        """Take all that waits, oldest first."""
+        """Take all waiting messages, oldest first."""
         found = []
         while (taken := self._handle.take_message(self._type, False)) is not None:
             found.append(taken[0])
@@ -74,7 +74,7 @@ class Feed:
     """Turns received messages into the newest frame, the state and the events."""
 
     def __init__(self, node: Node, rig: Rig, latest: LatestValues) -> None:
-        """Subscribe; `look` is to be called by one thread."""
+        """Subscribe; only one thread may call `look`."""
         self._latest = latest
         self._own = node.get_name()
         geometry = rig.geometry
@@ -154,7 +154,7 @@ class Feed:
         return frame
 
     def _in_base_axes(self, wrench: np.ndarray) -> np.ndarray:
-        """The sensor measures in the platform's axes, loads are asked for in the base's."""
+        """Turn a wrench from the sensor's platform axes to base axes, in which loads are given."""
         record = self._pose.record
         if record is None:
             return wrench

@@ -1,4 +1,4 @@
-"""What every node tells on /diagnostics, for the tools that ROS users have."""
+"""Every node's report on /diagnostics, for the common tools of ROS."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from rclpy.node import Node
 from cabols_control.supervision.faults import Fault
 
 PERIOD_S = 1.0
-"""Not oftener: whatever an executor does keeps its process' control loop waiting for 0.7 ms."""
+"""Period of the reports [s]; each delays its process's control loop by 0.7 ms."""
 LEVELS = {0: DiagnosticStatus.WARN, 1: DiagnosticStatus.OK, 2: DiagnosticStatus.ERROR}
 """By the state of LoopStatus: waiting, running, fault."""
 RUNNING = 1
 
 
 class Health(NamedTuple):
-    """How a node fares.
+    """State of a node.
 
     Attributes:
         state: LoopStatus' number.
-        fault: what is not well; None for nothing.
+        fault: what is wrong; None for nothing.
         values: more to show, by name.
     """
 
@@ -32,14 +32,14 @@ class Health(NamedTuple):
 
 
 class Diagnostics:
-    """Publishes one DiagnosticStatus of a node at 1 Hz, and when it is told to."""
+    """Publishes one DiagnosticStatus of a node at 1 Hz and on demand."""
 
     def __init__(self, node: Node, read: Callable[[], Health], hardware: str) -> None:
         """Advertise /diagnostics.
 
         Args:
             node: owner; its executor calls.
-            read: returns how the node fares.
+            read: returns the node's state.
             hardware: what the node stands for.
         """
         self._node = node
@@ -49,7 +49,7 @@ class Diagnostics:
         node.create_timer(PERIOD_S, self.tell)
 
     def tell(self) -> None:
-        """Publish what is read now; for the executor's thread."""
+        """Publish the present state; to be called in the executor's thread."""
         health = self._read()
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()

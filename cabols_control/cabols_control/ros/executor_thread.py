@@ -1,4 +1,4 @@
-"""Work that any thread hands to the one in which a node's executor runs."""
+"""Calls that any thread hands to the thread of a node's executor."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from rclpy.task import Future
 
 
 def hand_over(node: Node, function: Callable[[], Any]) -> Future:
-    """Let the executor's thread call a function; at once, here, for a node without an executor.
+    """Let the executor's thread call a function; without an executor it is called at once.
 
-    For what must not keep a control loop waiting, as a line for a terminal; and for the requests of
-    action clients: rclpy notes one as pending only after it has been sent, so that from another
-    thread an answer that comes at once would find nobody waiting.
+    For calls that must not delay a control loop, such as a line for a terminal, and for requests of
+    action clients: rclpy registers a request as pending only after sending it, so that an immediate
+    answer to a request of another thread would be lost.
 
     Returns:
-        What becomes of the call; its result is the function's.
+        A future of the function's result.
     """
     executor = node.executor
     if executor is not None:

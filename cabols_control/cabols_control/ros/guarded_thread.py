@@ -1,4 +1,4 @@
-"""A thread of a node that ends with the context, and the context with it if it fails."""
+"""A thread of a node that ends with the context, and that shuts it down if it fails."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from rclpy.context import Context
 
 
 class GuardedThread:
-    """Base of what runs beside the executor: start, stop, and a failure that is not lost.
+    """Base of threads beside the executor: start, stop, and the failure that ended them.
 
     Attributes:
-        failure: what ended the thread, if anything did.
+        failure: the error that ended the thread; None without one.
     """
 
     def __init__(self, context: Context, name: str) -> None:

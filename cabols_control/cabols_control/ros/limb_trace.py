@@ -1,4 +1,4 @@
-"""Listens to limb states and wrenches beside an action, for figures."""
+"""Records limb states and wrenches during an action, for figures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class LimbTrace:
         self.phase = 0
 
     def start(self) -> None:
-        """Begin to listen."""
+        """Start to receive."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -41,14 +41,14 @@ class LimbTrace:
         self._thread.join(timeout=1.0)
 
     def begin(self, limb: int) -> None:
-        """Forget what was kept, keep this limb's states from now on."""
+        """Drop all rows; record this limb's states from now on."""
         with self._lock:
             self._rows, self._limb, self.phase = [], limb, 0
 
     def rows(self) -> FloatArray:
         """(k, 12): phase, time [s], current [A], wound, elongation [m], tension [N], wrench.
 
-        The current is the one that was on the motor until the row's time.
+        The current of a row was on the motor until the row's time.
         """
         with self._lock:
             return np.array(self._rows, dtype=np.float64).reshape(-1, 12)

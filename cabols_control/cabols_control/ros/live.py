@@ -1,8 +1,8 @@
-"""Slow copies of fast topics, for pages, viewers and whatever else must not cost the loop.
+"""Slow copies of fast topics, for pages and viewers that must not slow the control loop.
 
-A reader of a 1 kHz topic makes its middleware wake a thread a thousand times a second, and its
-writer address one more reader each time, however rarely it looks. Whoever publishes such a topic
-therefore also publishes every so often the same bytes on `live/<topic>`.
+A reader of a 1 kHz topic costs a thread's wake-up a thousand times a second, and its writer one
+more reader to address, however rarely the messages are used. The publisher of such a topic
+therefore sends the same bytes also on `live/<topic>`, at a low rate.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cabols_control.ros.loop import Output
 from cabols_control.topics import LIVE
 
 PERIOD_NS = 45_000_000
-"""A little below the 50 ms in which a console looks, so that each look finds news."""
+"""Period of the copies [ns]: below the console's 50 ms, so that each read finds a new one."""
 
 
 def live_name(topic: str) -> str:
@@ -24,7 +24,7 @@ def live_name(topic: str) -> str:
 
 
 class LiveOutput(Output):
-    """An Output with a slow copy, by the wall clock: in lockstep, too, somebody may watch."""
+    """An Output with a slow copy, by the wall clock in lockstep, too: a viewer may be open."""
 
     def __init__(self, node: Node, topic: str, lockstep: bool = False) -> None:
         """Advertise both, with the topic's type; see Output."""
@@ -39,7 +39,7 @@ class LiveOutput(Output):
         self._newest = raw
 
     def copy(self) -> None:
-        """Send the newest bytes again if it is time; call it when all that is urgent is sent."""
+        """Send the newest bytes as a copy if one is due; to be called after all urgent output."""
         now_ns = time.monotonic_ns()
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + PERIOD_NS

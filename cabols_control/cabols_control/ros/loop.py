@@ -20,17 +20,17 @@ from cabols_control.ros.topics import message_type
 
 IDLE_NS = 50_000_000
 GAP_NS = 500_000
-"""After so long without a sample the loop uses the pause to look at its other inputs."""
+"""Silence of the trigger after which the loop reads its other inputs in the pause [ns]."""
 LOCKSTEP_PATIENCE_S = 20.0
 SLOW_INPUT = 8
-"""Cycles between looks at an input that comes at a low rate: 8 ms, for a mode, are soon enough."""
+"""Cycles between reads of an input of low rate: 8 ms are soon enough for a mode."""
 
 
 class LoopGroup(CallbackGroup):
-    """Keeps a subscription away from the executor: the loop's own wait set serves it."""
+    """Keeps a subscription out of the executor: the loop's own wait set serves it."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Tell the executor that there is nothing for it here."""
+        """Report to the executor that nothing is ready."""
         del entity
         return False
 
@@ -46,7 +46,7 @@ class LoopGroup(CallbackGroup):
 def subscribe_aside(
     node: Node, msg_type: type, topic: str, qos: QoSProfile, raw: bool = True
 ) -> Any:
-    """Subscribe for who takes the messages himself; the node's executor does not wake for them."""
+    """Subscribe without the executor: the caller takes the messages itself."""
     return node.create_subscription(
         msg_type, topic, lambda _: None, qos, callback_group=LoopGroup(), raw=raw
     )
@@ -64,7 +64,7 @@ class Input:
         lost: publications missing between those that arrived.
         error: why the newest message was refused; empty if it was not.
         raw: newest message's bytes, valid or not.
-        every: a loop looks at it in every so many cycles (in lockstep in each one).
+        every: number of cycles between two reads of a loop (in lockstep it reads in each cycle).
         awaited: whether a lockstep loop waits for its message of the same stamp.
     """
 
@@ -95,7 +95,7 @@ class Input:
         qos = topic_qos(topic, lockstep, depth)
         self.subscription = subscribe_aside(node, layout.msg_type, topic, qos)
         self._handle = self.subscription.handle
-        # To ask an empty reader costs as much as to take: where one message waits at most, once.
+        # A take from an empty reader costs as much as a full one: with a queue of one, take once.
         self._single = qos.depth == 1
         self.laid_out = b""
         self._record: Any = None
@@ -133,7 +133,7 @@ class Input:
         return fresh
 
     def take_one(self) -> bool:
-        """Take the oldest that waits; in deep queues, none is skipped."""
+        """Take the oldest waiting message; none is skipped in a deep queue."""
         taken = self._handle.take_message(self._type, True)
         return taken is not None and self._accept(*taken)
 
@@ -187,9 +187,9 @@ class ControlLoop(GuardedThread):
 
     In lockstep a step waits until every companion has a message with the trigger's stamp, so that
     the same inputs meet in every run; otherwise it takes the newest at once. Only the trigger
-    wakes the thread: every entity in a wait set costs some 20 us a cycle. To take a companion
-    costs as much again, so that it is done in the pause before the trigger; what had not come
-    by then is looked at (4 us) when the trigger is there.
+    wakes the thread: every entity in a wait set costs some 20 us a cycle. Taking a companion's
+    message costs as much again and is done in the pause before the trigger; companions without a
+    message by then are read again (4 us) when the trigger has arrived.
     """
 
     def __init__(
@@ -220,7 +220,7 @@ class ControlLoop(GuardedThread):
         self.use_pause: Callable[[], None] = lambda: None
 
     def body(self) -> None:
-        """Prepare, then turn."""
+        """Prepare the thread, then run the cycles."""
         self.prepare()
         while self.running:
             self._turn()
@@ -274,7 +274,7 @@ def make_wait_set(node: Node, inputs: int) -> Any:
 
 
 def wait(wait_set: Any, inputs: Sequence[Input], timeout_ns: int) -> None:
-    """Wait until one of the inputs has a message, or the time is over: taking tells which."""
+    """Wait until an input has a message, or until the timeout; the caller takes from all inputs."""
     wait_set.clear_entities()
     for item in inputs:
         wait_set.add_subscription(item._handle)

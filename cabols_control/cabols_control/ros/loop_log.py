@@ -1,4 +1,4 @@
-"""The log of control loops, which must not wait for a terminal or a disk."""
+"""Log of control loops, which must not wait for a terminal or a disk."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cabols_control.ros.executor_thread import hand_over
 class LoopLog:
     """A node's logger whose lines are written by the executor's thread, in their order.
 
-    Each severity has a line of code of its own: rclpy tells a logger's callers apart by that.
+    Each severity has a line of code of its own, because rclpy distinguishes callers by line.
     """
 
     def __init__(self, node: Node) -> None:
@@ -23,15 +23,15 @@ class LoopLog:
         self._lines: deque[Callable[[], object]] = deque()
 
     def warm_up(self, line: str) -> None:
-        """Write a line here and now: the first one of a process takes 20 ms and more."""
+        """Write a line at once: a process's first line takes 20 ms and more."""
         self._logger.info(line)
 
     def info(self, line: str) -> None:
-        """Tell what happens."""
+        """Log at level info."""
         self._put(lambda: self._logger.info(line))
 
     def error(self, line: str) -> None:
-        """Tell of a fault."""
+        """Log at level error."""
         self._put(lambda: self._logger.error(line))
 
     def _put(self, write: Callable[[], object]) -> None:

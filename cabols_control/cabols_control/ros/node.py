@@ -1,4 +1,4 @@
-"""What every control node shares: configuration, loop, status reports, an orderly end."""
+"""Base of all control nodes: configuration, loop, status reports, orderly shutdown."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Status:
     """Counters of one loop, published as LoopStatus every 100 cycles and when the state changes.
 
     Attributes:
-        log: for whatever the loop has to say.
+        log: of the loop.
         on_change: called after each change of state or reason.
     """
 
@@ -69,12 +69,12 @@ class Status:
         self.round_trip = Durations()
 
     def cycle(self, stamp_ns: int, state: int, fault: Fault | None = None) -> None:
-        """Count one cycle; publish if it is time or if the state has changed.
+        """Count one cycle; publish when a report is due or the state has changed.
 
         Args:
             stamp_ns: of the newest sample that the loop has handled [ns].
             state: WAITING, RUNNING or FAULT.
-            fault: what is not well; with another state than FAULT it stops nothing.
+            fault: what is wrong; it stops the loop only with state FAULT.
         """
         self.cycles += 1
         changed = (state, fault) != self._reported
@@ -152,36 +152,36 @@ class ControlNode(Node):
         self.status.on_change = lambda: hand_over(self, diagnostics.tell)
 
     def advertise(self, topic: str) -> Output:
-        """Publish on a topic of the graph, so that its readers can be waited for."""
+        """Return a publisher whose readers the control thread waits for."""
         self.outputs[topic] = output = Output(self, topic, self.lockstep)
         return output
 
     def advertise_live(self, topic: str) -> LiveOutput:
-        """Do the same on a topic that has a slow copy, too."""
+        """Return the same for a topic with a slow copy."""
         self.outputs[topic] = output = LiveOutput(self, topic, self.lockstep)
         return output
 
     def prepare_thread(self) -> None:
-        """Run in the control thread before its first cycle: readers, garbage, scheduling."""
+        """Prepare the control thread before its first cycle: readers, garbage, scheduling."""
         self._wait_for_readers()
         self.status.log.warm_up("running")
         freeze_garbage()
         self._compiled = specialisations()
-        # Not before: to collect all garbage takes 70 ms of a core, which nodes that run need.
+        # Not earlier: a full collection takes 70 ms of a core that running nodes need.
         self.apply_scheduling()
 
     def apply_scheduling(self) -> None:
-        """Ask the kernel for what the parameters say, for all threads there are now."""
+        """Request the parameters' scheduling from the kernel, for all present threads."""
         apply_scheduling(self._scheduling, self.get_logger().warning)
 
     def complain_of_compiling(self) -> None:
-        """Warn of kernels compiled while the control thread ran: a warm-up forgot them."""
+        """Warn of functions compiled while the control thread ran: the warm-up missed them."""
         late = [] if self._compiled is None else compiled_since(self._compiled)
         if late:
             self.get_logger().warning(f"compiled during operation: {', '.join(late)}")
 
     def tidy(self) -> None:
-        """Run once in many cycles: keep garbage young and few."""
+        """Collect young garbage; called once in many cycles."""
         if self.status.cycles % 200 == 0:
             collect_young()
 
@@ -199,7 +199,7 @@ class ControlNode(Node):
                 time.sleep(0.01)
 
     def begin(self) -> None:
-        """Start threads; called once the executor exists."""
+        """Start threads; called after the executor was created."""
         self.apply_scheduling()
 
     def end(self) -> None:
@@ -207,7 +207,7 @@ class ControlNode(Node):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended a thread of this node, if anything did."""
+        """Return the error that ended a thread of this node; None if there is none."""
         return None
 
 
@@ -225,7 +225,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
         rclpy.try_shutdown()
         return 2
     except RCLError:
-        # A signal that comes while the node is made ends the context under it.
+        # A signal during the node's construction shuts its context down.
         if rclpy.ok():
             raise
         return 0
@@ -233,7 +233,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     executor.add_node(node)
     try:
         node.begin()
-        # Not executor.spin(): a signal may wake it before the context has ended, and never again.
+        # Not executor.spin(): a signal may wake it only once, before the context has shut down.
         while node.context.ok():
             executor.spin_once(timeout_sec=0.2)
     except (KeyboardInterrupt, ExternalShutdownException):

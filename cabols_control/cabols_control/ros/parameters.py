@@ -33,7 +33,7 @@ def declare(
 
 
 def declare_rig_folder(node: Node) -> RigFolder:
-    """Declare the rig that all files are of, and find its folder."""
+    """Declare the parameter that names the rig, and find its folder."""
     return find_rig(declare(node, "rig", BENCH, "name of an installed rig, or folder of a rig"))
 
 
@@ -57,14 +57,14 @@ def declare_lockstep(node: Node) -> bool:
 def declare_robot(node: Node) -> bool:
     """Declare whether a robot carries the platform.
 
-    Its pose, as all that is asked of it, comes at its own pace, so that even in lockstep the clock
-    waits for the control path alone.
+    The robot sends its pose at its own pace; even in lockstep the clock waits only for the control
+    path.
     """
     return bool(declare(node, "robot", False, "a robot carries the platform, at its own pace"))
 
 
 def declare_scheduling(node: Node) -> Scheduling:
-    """Declare what the control thread asks of the kernel."""
+    """Declare the scheduling that the control thread requests from the kernel."""
     return Scheduling(
         fifo_priority=declare(
             node, "fifo_priority", 0, "SCHED_FIFO priority of all threads; 0: leave", (0, 99)

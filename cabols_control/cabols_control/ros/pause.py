@@ -7,7 +7,7 @@ from rclpy.task import Future
 
 
 async def pause(node: Node, seconds: float) -> None:
-    """Give the executor back for a while."""
+    """Wait without blocking the executor."""
     future: Future = Future()
     timer = node.create_timer(seconds, lambda: future.set_result(None))
     await future

@@ -35,7 +35,7 @@ def topic_qos(topic: str, lockstep: bool = False, depth: int | None = None) -> Q
 
 
 def control_qos(lockstep: bool) -> QoSProfile:
-    """Samples and commands at the control rate: a late one is useless, only the newest counts.
+    """Return the quality of samples and commands at the control rate, where only the newest counts.
 
     In lockstep nothing may be lost, as the clock waits for each answer: reliable and deep.
     """
@@ -51,7 +51,7 @@ def control_qos(lockstep: bool) -> QoSProfile:
 
 
 def latched_qos(lockstep: bool) -> QoSProfile:
-    """State that a reader needs at once when it joins late: the mode.
+    """Return the quality of a state that a late reader needs at once, such as the mode.
 
     In lockstep deep, as the clock waits for each message.
     """
@@ -64,7 +64,7 @@ def latched_qos(lockstep: bool) -> QoSProfile:
 
 
 def status_qos() -> QoSProfile:
-    """Low-rate reports, of which none should be lost."""
+    """Return the quality of low-rate reports, of which none should be lost."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE
     )

@@ -22,17 +22,17 @@ from cabols_control.ros.recorded_topic import Item, RecordedTopic
 from cabols_control.stamps import first_stamp
 
 GATHER_S = 0.02
-"""How long messages gather before all are taken; the middleware stamps their reception."""
+"""Period in which waiting messages are taken [s]; the middleware stamps their reception."""
 STATUS_S = 1.0
 END_S = 5.0
-"""How long a slow disk may keep the end waiting; normally it takes a quarter of a second."""
+"""Longest wait for a slow disk at the end [s]; normally it takes a quarter of a second."""
 
 
 class Recording:
     """Takes messages in one thread, writes and flushes them in another, until it is closed.
 
     Attributes:
-        failure: what ended a thread, or kept the bag from being completed; None if nothing did.
+        failure: the error that ended a thread or left the bag incomplete; None without one.
     """
 
     def __init__(
@@ -91,12 +91,12 @@ class Recording:
         self._node.get_logger().info(f"recording {len(self._topics)} topics into {self.folder}")
 
     def join(self) -> bool:
-        """Subscribe to those of the loop's topics whose time has come; return whether to all."""
+        """Subscribe to the loop's topics as their join policy allows; return whether to all."""
         waiting = [topic for topic in self._topics if not topic.join(time.monotonic())]
         return not waiting
 
     def close(self) -> None:
-        """Take what has arrived, complete the bag and say what is in it."""
+        """Take the remaining messages, complete the bag and print its content."""
         give_up = time.monotonic() + END_S
         self._stop.set()
         for thread in self._threads:
@@ -126,7 +126,7 @@ class Recording:
             topic.close()
 
     def summary(self) -> str:
-        """Say what is in the bag, topic by topic."""
+        """Return the bag's content topic by topic, as text."""
         total = sum(topic.count for topic in self._topics)
         lost = sum(topic.missing.lost for topic in self._topics)
         lines = [f"{self.folder}: {total} messages, {lost} lost"]
@@ -140,7 +140,7 @@ class Recording:
         try:
             run()
         except BaseException as error:
-            # Once the context has ended, rcl refuses what was under way: no failure of its own.
+            # After the context has shut down, rcl refuses pending calls; that is no failure.
             if self._node.context.ok() or not isinstance(error, rclpy_implementation.RCLError):
                 self.failure = self.failure or error
             self._stop.set()
@@ -167,7 +167,7 @@ class Recording:
         due = time.monotonic() + self._period
         while not self._stop.wait(max(0.0, due - time.monotonic())):
             due = max(due + self._period, time.monotonic())
-            # Taking must not wait, or the middleware drops what comes; writing may.
+            # Taking must not wait, or the middleware drops messages; writing may.
             be_ordinary()
             self._write()
             self._writer.flush()

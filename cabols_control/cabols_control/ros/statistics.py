@@ -14,7 +14,7 @@ class Durations:
         self._count = 0
 
     def add(self, seconds: float) -> None:
-        """Keep one more."""
+        """Add a duration."""
         self._ring[self._count % self._ring.size] = seconds
         self._count += 1
 

@@ -1,4 +1,4 @@
-"""A thread that calls a function at a fixed rate: far cheaper than an executor's timer."""
+"""A thread that calls a function at a fixed rate; far cheaper than an executor's timer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cabols_control.ros.guarded_thread import GuardedThread
 
 
 class Ticker(GuardedThread):
-    """Calls `tick` every period, on absolute instants; a late tick is not made up for."""
+    """Calls `tick` once a period at absolute instants; a missed tick is not repeated."""
 
     def __init__(self, context: Context, period_s: float, tick: Callable[[], None]) -> None:
         """Prepare; start() begins."""

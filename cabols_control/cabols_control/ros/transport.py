@@ -1,9 +1,9 @@
-"""How nodes of one machine talk to each other: by UDP on loopback, not through shared memory.
+"""Transport between the nodes of one machine: UDP on loopback, no shared memory.
 
-Fast DDS's shared memory (rmw_fastrtps's default on one machine) has a lock for each process that
-reads. Who is killed while holding it leaves it locked: every process that publishes to it then
-stands still for a second, a bridge at 1 kHz too. UDP has no lock that others can hold. What both
-cost: `make bench-transport`.
+Fast DDS's shared memory (rmw_fastrtps's default on one machine) has a lock for each reading
+process. A process that is killed while it holds the lock leaves it locked: every process that
+publishes to it then stalls for a second, a bridge at 1 kHz too. UDP has no lock that another
+process can hold. `make bench-transport` measures the cost of both.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LOOPBACK = {
 }
 UDP = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
 CHOICES = {"FASTDDS_DEFAULT_PROFILES_FILE": "", **LOOPBACK, **UDP}
-"""Who sets one of these otherwise has chosen the transport, and keeps it."""
+"""Variables that choose a transport; one that is already set keeps its value."""
 
 
 def udp_variables(environment: Mapping[str, str], rmw: str) -> dict[str, str]:
@@ -43,6 +43,6 @@ def udp_variables(environment: Mapping[str, str], rmw: str) -> dict[str, str]:
 
 
 def init(**arguments: Any) -> None:
-    """Do what rclpy.init() does, with its arguments, for a process that stays out of it."""
+    """Call rclpy.init() with these arguments, without shared memory."""
     os.environ.update(udp_variables(os.environ, get_rmw_implementation_identifier()))
     rclpy.init(**arguments)
