@@ -19,7 +19,15 @@ def structure_matrix_into(
     rotation: FloatArray,
     matrix: FloatArray,
 ) -> None:
-    """Fill matrix (6, n) with the structure matrix; shapes as in structure_matrix, unchecked."""
+    """Fill matrix (6, n) with the structure matrix; shapes as in structure_matrix, unchecked.
+
+    Args:
+        base_points: (n, 3) in the base frame [m].
+        platform_points: (n, 3) in the platform's axes [m].
+        position: (3,) of the platform's origin, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+        matrix: (6, n), filled.
+    """
     for i in range(base_points.shape[0]):
         b0, b1, b2 = platform_points[i, 0], platform_points[i, 1], platform_points[i, 2]
         r0 = rotation[0, 0] * b0 + rotation[0, 1] * b1 + rotation[0, 2] * b2
@@ -44,7 +52,15 @@ def cable_lengths_into(
     rotation: FloatArray,
     lengths: FloatArray,
 ) -> None:
-    """Fill lengths (n,) [m]; shapes as in cable_lengths, unchecked."""
+    """Fill lengths (n,) [m]; shapes as in cable_lengths, unchecked.
+
+    Args:
+        base_points: (n, 3) in the base frame [m].
+        platform_points: (n, 3) in the platform's axes [m].
+        position: (3,) of the platform's origin, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+        lengths: (n,), filled [m].
+    """
     for i in range(base_points.shape[0]):
         total = 0.0
         for axis in range(3):
@@ -58,7 +74,14 @@ def cable_lengths_into(
 def structure_matrix_unchecked(
     base_points: FloatArray, platform_points: FloatArray, position: FloatArray, rotation: FloatArray
 ) -> FloatArray:
-    """Return structure_matrix without checks, from plain arrays."""
+    """Return structure_matrix without checks, from plain arrays.
+
+    Args:
+        base_points: (n, 3) in the base frame [m].
+        platform_points: (n, 3) in the platform's axes [m].
+        position: (3,) of the platform's origin, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+    """
     matrix = np.empty((6, base_points.shape[0]))
     structure_matrix_into(base_points, platform_points, position, rotation, matrix)
     return matrix
@@ -67,7 +90,14 @@ def structure_matrix_unchecked(
 def cable_lengths_unchecked(
     base_points: FloatArray, platform_points: FloatArray, position: FloatArray, rotation: FloatArray
 ) -> FloatArray:
-    """Return cable_lengths without checks, from plain arrays."""
+    """Return cable_lengths without checks, from plain arrays.
+
+    Args:
+        base_points: (n, 3) in the base frame [m].
+        platform_points: (n, 3) in the platform's axes [m].
+        position: (3,) of the platform's origin, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+    """
     lengths = np.empty(base_points.shape[0])
     cable_lengths_into(base_points, platform_points, position, rotation, lengths)
     return lengths

@@ -48,6 +48,12 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
 def in_range(name: str, value: float, lower: float, upper: float) -> float:
     """Return value as a float if lower <= value <= upper.
 
+    Args:
+        name: what the caller calls it, for the message.
+        value: to be checked.
+        lower: least that is allowed.
+        upper: largest that is allowed.
+
     Raises:
         OutOfRangeError: otherwise, NaN included.
     """
@@ -58,6 +64,10 @@ def in_range(name: str, value: float, lower: float, upper: float) -> float:
 
 def rotation_matrix(name: str, value: ArrayLike) -> FloatArray:
     """Return value as a (3, 3) rotation matrix.
+
+    Args:
+        name: what the caller calls it, for the message.
+        value: (3, 3).
 
     Raises:
         ShapeError: if it is not (3, 3), finite, orthonormal to 1e-6 and right-handed.

@@ -56,7 +56,12 @@ def beside(name: str) -> Path:
 
 
 def packaged(package: str, name: str) -> Path:
-    """Path of a data file that is installed with a package."""
+    """Path of a data file that is installed with a package.
+
+    Args:
+        package: Python package.
+        name: of the file in its folder `config`.
+    """
     return Path(str(files(package) / "config" / name))
 
 

@@ -23,7 +23,12 @@ def time_ns(stamp: Any) -> int:
 
 
 def set_time(stamp: Any, value_ns: int) -> None:
-    """Write a time [ns] into a builtin_interfaces Time or Duration."""
+    """Write a time [ns] into a builtin_interfaces Time or Duration.
+
+    Args:
+        stamp: message that is filled.
+        value_ns: time [ns].
+    """
     stamp.sec, stamp.nanosec = divmod(value_ns, SECOND_NS)
 
 

@@ -101,6 +101,10 @@ def _nested(fields: Any) -> list[str]:
 def parse_definition(type_name: str, text: str) -> dict[str, Any]:
     """Parse the concatenated text that a bag carries into rosbags' type dictionary.
 
+    Args:
+        type_name: of the message, e.g. `cabols_msgs/msg/Mode`.
+        text: its definition and those of the types in it, as a bag carries them.
+
     Raises:
         BagError: if the text is no message definition.
     """

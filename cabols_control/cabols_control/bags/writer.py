@@ -45,12 +45,23 @@ class McapFile:
         self._topics: dict[int, TopicSummary] = {}
 
     def add_metadata(self, name: str, content: dict[str, str]) -> None:
-        """Write a metadata record at once."""
+        """Write a metadata record at once.
+
+        Args:
+            name: of the record.
+            content: text by key.
+        """
         self._writer.add_metadata(name, content)
         self._stream.flush()
 
     def add_channel(self, topic: str, definition: Definition, qos_text: str) -> int:
-        """Add a channel and return its number; qos_text is a YAML list of profiles."""
+        """Add a channel and return its number; qos_text is a YAML list of profiles.
+
+        Args:
+            topic: absolute name.
+            definition: of its type.
+            qos_text: YAML list of the publishers' profiles.
+        """
         key = (definition.type_name, definition.text)
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(
@@ -66,7 +77,15 @@ class McapFile:
     def add_message(
         self, channel: int, log_time_ns: int, publish_time_ns: int, data: bytes, sequence: int = 0
     ) -> None:
-        """Add one message to the chunk in progress."""
+        """Add one message to the chunk in progress.
+
+        Args:
+            channel: number that add_channel returned.
+            log_time_ns: when it was received.
+            publish_time_ns: when it was published.
+            data: serialised message.
+            sequence: publication number; 0: not known.
+        """
         self._writer.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
         summary = self.summary
         if summary.start_ns is None or log_time_ns < summary.start_ns:

@@ -25,6 +25,11 @@ def specialisations(prefix: str = "cabols_") -> dict[str, int]:
 
 
 def compiled_since(before: dict[str, int], prefix: str = "cabols_") -> list[str]:
-    """Return the names of the kernels that were compiled or loaded after that count, sorted."""
+    """Return the names of the kernels that were compiled or loaded after that count, sorted.
+
+    Args:
+        before: signatures of each kernel, as counted earlier.
+        prefix: modules whose kernels count.
+    """
     now = specialisations(prefix)
     return sorted(name for name, count in now.items() if count > before.get(name, 0))

@@ -39,6 +39,10 @@ def apply_scheduling(wanted: Scheduling, warn: Callable[[str], object]) -> None:
     """Ask the kernel; where it refuses, warn with what would allow it and go on.
 
     All threads are set, as the middleware's receive threads sit in the way of every sample.
+
+    Args:
+        wanted: what is asked for.
+        warn: called with a line for each refusal.
     """
     if wanted.cpu >= 0:
         _for_all_threads(

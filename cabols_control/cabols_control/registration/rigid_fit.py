@@ -26,6 +26,10 @@ def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArr
     """Translation (3,) and rotation (3, 3) with target = t + R source, unweighted least squares.
 
     Kabsch, Acta Cryst. A32 (1976) 922. Shapes (n, 3), unchecked; never a reflection.
+
+    Args:
+        source: (n, 3) points [m].
+        target: (n, 3) the same points after the motion [m].
     """
     centre_source, centre_target = source.mean(axis=0), target.mean(axis=0)
     found, _ = Rotation.align_vectors(target - centre_target, source - centre_source)
@@ -34,12 +38,21 @@ def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def turned(rotation: FloatArray, vector: FloatArray) -> FloatArray:
-    """exp([vector]x) R: the left perturbation of a rotation by a rotation vector [rad]."""
+    """exp([vector]x) R: the left perturbation of a rotation by a rotation vector [rad].
+
+    Args:
+        rotation: (3, 3).
+        vector: (3,) rotation vector [rad].
+    """
     return np.asarray(Rotation.from_rotvec(vector).as_matrix() @ rotation)
 
 
 def whitener(name: str, covariance: FloatArray) -> FloatArray:
     """(..., n, n) matrices W with W^T W the inverse of covariances (..., n, n).
+
+    Args:
+        name: what the caller calls them, for the message.
+        covariance: (..., n, n).
 
     Raises:
         ShapeError: if a covariance is not symmetric or not positive definite.
@@ -59,6 +72,10 @@ def whitener(name: str, covariance: FloatArray) -> FloatArray:
 
 def require_spread(name: str, points: FloatArray) -> None:
     """Refuse points (n, 3) that lie on a line or in one place: they leave a rotation free.
+
+    Args:
+        name: what the caller calls them, for the message.
+        points: (n, 3) [m].
 
     Raises:
         RegistrationError: if the second singular value of the centred points is under 1 % of

@@ -31,7 +31,12 @@ class OperatorWatchdog:
             self._last_s, self._operator, self.armed = now_s, operator, True
 
     def overdue(self, now_s: float, at_rest: bool) -> str:
-        """Why the rig must be stopped; empty if it need not be."""
+        """Why the rig must be stopped; empty if it need not be.
+
+        Args:
+            now_s: now [s].
+            at_rest: whether nothing moves.
+        """
         if not self.armed or now_s - self._last_s <= self._timeout_s:
             return ""
         if at_rest:

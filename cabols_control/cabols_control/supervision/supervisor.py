@@ -172,7 +172,12 @@ class Supervision:
         self._free_since_s = np.inf
 
     def hear_pose(self, stamp_s: float, position: FloatArray) -> None:
-        """Take the platform's (3,) position [m]: its speed decides about some transitions."""
+        """Take the platform's (3,) position [m]: its speed decides about some transitions.
+
+        Args:
+            stamp_s: when it was measured [s].
+            position: (3,) of the platform's origin, base frame [m].
+        """
         if self._platform is not None and stamp_s > self._platform_s:
             moved = float(np.linalg.norm(position - self._platform))
             self._platform_speed = moved / (stamp_s - self._platform_s)

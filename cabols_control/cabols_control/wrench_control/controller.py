@@ -87,7 +87,12 @@ class WrenchController:
         self.set_pose(geometry.reference_position, geometry.reference_rotation)
 
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
-        """Take the platform's pose, (3,) [m] and (3, 3), base frame; costs one decomposition."""
+        """Take the platform's pose, (3,) [m] and (3, 3), base frame; costs one decomposition.
+
+        Args:
+            position: (3,) of the platform's origin, base frame [m].
+            rotation: (3, 3) from platform to base axes.
+        """
         points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
         self._position[:], self._rotation[:] = position, rotation
         structure_matrix_into(*points, self._position, self._rotation, self._matrix)

@@ -90,7 +90,12 @@ class Bridge:
         self.set_pose(rig.geometry.reference_position, rig.geometry.reference_rotation)
 
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
-        """Take the platform's pose, (3,) [m] and (3, 3), base frame."""
+        """Take the platform's pose, (3,) [m] and (3, 3), base frame.
+
+        Args:
+            position: (3,) of the platform's origin, base frame [m].
+            rotation: (3, 3) from platform to base axes.
+        """
         points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
         # Copies, because compiled code differs for arrays that come read-only. New arrays, because
         # a sample that is being taken must have the old ones or the new ones, no mixture.

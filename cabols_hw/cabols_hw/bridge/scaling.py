@@ -56,6 +56,13 @@ def wrench_into(
     """Fill wrench (6,) = matrix (6, 6) @ (volts - bias), the sensor's linear calibration.
 
     Returns True if a gauge is beyond +-limit or not a number.
+
+    Args:
+        matrix: (6, 6) of the sensor's calibration [N/V, N m/V].
+        volts: (6,) of the gauges [V].
+        bias: (6,) volts at no load [V].
+        limit: largest voltage that counts as valid [V].
+        wrench: (6,), filled [N, N m].
     """
     saturated = False
     for row in range(6):
@@ -145,6 +152,11 @@ def quantise(value: float, step: float, limit: float) -> float:
     """Nearest multiple of step, as a converter gives it; step 0 only limits.
 
     A converter's codes are two's complement: the highest stands for one step less than +limit.
+
+    Args:
+        value: to be converted.
+        step: of the converter; 0: none.
+        limit: of its range.
     """
     clipped = min(max(value, -limit), limit)
     if step <= 0.0:

@@ -49,7 +49,12 @@ class CommandWatchdog:
         self.fault = ""
 
     def feed(self, now_s: float, limbs: IntArray) -> None:
-        """Note a command for some limbs, come after the sample at now_s."""
+        """Note a command for some limbs, come after the sample at now_s.
+
+        Args:
+            now_s: time of the newest sample [s].
+            limbs: (k,) limbs that the command is for, from 0.
+        """
         self.newest[limbs] = now_s
 
     def check(self, now_s: float, at_rest: bool) -> bool:

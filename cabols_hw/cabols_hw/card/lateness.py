@@ -20,7 +20,12 @@ class Lateness:
         self._index = 0
 
     def behind_ns(self, index: int, now_ns: int) -> int:
-        """Return by how much sample number index, just read at now_ns, was read late [ns]."""
+        """Return by how much sample number index, just read at now_ns, was read late [ns].
+
+        Args:
+            index: of the sample, from the first.
+            now_ns: when it was read, by the clock of the first [ns].
+        """
         delay_ns = now_ns - index * self._period_ns
         if self._prompt_ns is None:
             self._prompt_ns = delay_ns

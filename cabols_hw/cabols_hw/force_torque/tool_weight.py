@@ -46,7 +46,14 @@ class ToolTare:
 def tool_weight_into(
     mass: float, centre_of_mass: FloatArray, rotation: FloatArray, wrench: FloatArray
 ) -> None:
-    """Fill wrench (6,); as tool_weight, unchecked."""
+    """Fill wrench (6,); as tool_weight, unchecked.
+
+    Args:
+        mass: of the tool [kg].
+        centre_of_mass: (3,) from the origin, platform axes [m].
+        rotation: (3, 3) from platform to base axes.
+        wrench: (6,), filled [N, N m].
+    """
     for axis in range(3):
         wrench[axis] = -mass * STANDARD_GRAVITY * rotation[2, axis]
     c0, c1, c2 = centre_of_mass[0], centre_of_mass[1], centre_of_mass[2]

@@ -317,5 +317,11 @@ class SafetyEnvelope:
         )
 
     def hear_pose(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
-        """Take a platform pose, to be judged with the next sample; see PoseWatch.hear."""
+        """Take a platform pose, to be judged with the next sample; see PoseWatch.hear.
+
+        Args:
+            now_s: when it came, on the card's clock [s].
+            position: (3,) of the platform's origin, base frame [m].
+            rotation: (3, 3) from platform to base axes.
+        """
         return self._pose.hear(now_s, position, rotation)

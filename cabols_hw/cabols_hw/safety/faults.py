@@ -33,7 +33,12 @@ class BridgeFault(Fault):
 
 
 def same_kind(one: Fault | None, other: Fault | None) -> bool:
-    """Whether both are faults of the same name."""
+    """Whether both are faults of the same name.
+
+    Args:
+        one: a fault, or None.
+        other: a fault, or None.
+    """
     return one is not None and other is not None and one.name == other.name
 
 

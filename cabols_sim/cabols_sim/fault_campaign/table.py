@@ -26,7 +26,12 @@ def read_trials(path: Path) -> list[dict[str, Any]]:
 
 
 def summarise(trials: Sequence[dict[str, Any]], order: Sequence[str]) -> dict[str, Any]:
-    """Return one row for each kind, in order, and the claims."""
+    """Return one row for each kind, in order, and the claims.
+
+    Args:
+        trials: as they stand in the log, in any order.
+        order: kinds of fault, as the rows are to follow.
+    """
     rows = []
     for kind in order:
         mine = [trial for trial in trials if trial["kind"] == kind]

@@ -100,7 +100,13 @@ def advance_limbs(
 
 @njit(cache=True)
 def cable_wrench(matrix: FloatArray, tension: FloatArray, wrench: FloatArray) -> None:
-    """Fill wrench (6,) = structure matrix (6, n) @ tension (n,)."""
+    """Fill wrench (6,) = structure matrix (6, n) @ tension (n,).
+
+    Args:
+        matrix: (6, n) structure matrix.
+        tension: (n,) [N].
+        wrench: (6,), filled [N, N m].
+    """
     for row in range(6):
         total = 0.0
         for i in range(tension.shape[0]):

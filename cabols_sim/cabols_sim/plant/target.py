@@ -19,7 +19,12 @@ class Target(Protocol):
     """(3, 3) from platform to base axes."""
 
     def step(self, wrench: FloatArray, dt_s: float) -> bool:
-        """Advance under the (6,) cable wrench (base axes); return whether the pose has changed."""
+        """Advance under the (6,) cable wrench (base axes); return whether the pose has changed.
+
+        Args:
+            wrench: (6,) of the cables on the platform, base axes [N, N m].
+            dt_s: length of the step [s].
+        """
 
 
 class RigidTarget:
@@ -31,6 +36,11 @@ class RigidTarget:
         self.rotation = np.array(geometry.reference_rotation)
 
     def step(self, wrench: FloatArray, dt_s: float) -> bool:
-        """Stay."""
+        """Stay.
+
+        Args:
+            wrench: (6,) of the cables on the platform, base axes [N, N m].
+            dt_s: length of the step [s].
+        """
         del wrench, dt_s
         return False

@@ -34,6 +34,10 @@ def make_platform(vibration: VibrationModel | None, dt_s: float) -> Platform:
     """Discretise a vibrating platform for steps of dt_s [s]; None: one that never moves.
 
     The springs' stiffness is left out: the limbs' physics has the springs.
+
+    Args:
+        vibration: of the platform; None: it never moves.
+        dt_s: length of a step [s].
     """
     if vibration is None:
         none = np.zeros((6, 12))

@@ -61,6 +61,11 @@ def tensions_of(candidates: Candidates, design: Design, holding: float) -> list[
     """Chosen tensions of each candidate configuration, (m, cables) [N]; m may be 0.
 
     Neighbours in the order differ as little as the nearest of the remaining ones allows.
+
+    Args:
+        candidates: what there was to choose from.
+        design: what was chosen.
+        holding: tension at which a trajectory begins [N].
     """
     found = []
     for index in range(candidates.configurations.shape[0]):

@@ -33,7 +33,12 @@ SIGNIFICANT = 5.0
 
 
 def stays(samples: PointSamples | Samples, kept: bool) -> list[IntArray]:
-    """Indices of the samples of each stay at a configuration, in order; see slides."""
+    """Indices of the samples of each stay at a configuration, in order; see slides.
+
+    Args:
+        samples: in any order.
+        kept: whether the sliders stay where they are from stay to stay: one stay, then.
+    """
     order = np.arange(len(samples))
     if isinstance(samples, PointSamples):
         order = np.argsort(samples.time, kind="stable")

@@ -16,6 +16,10 @@ def regression(samples: Samples, robot: RobotModel) -> tuple[FloatArray, FloatAr
     A = diag(J^-1 dx) (the source repeats its first entry in the second place), b = J^T w + K_C
     J^-1 dx.
 
+    Args:
+        samples: 6-DOF deflections.
+        robot: with the tool that they are of.
+
     Returns:
         (6 k, 6) A and (6 k,) b.
     """
@@ -33,5 +37,9 @@ def identify_as_source(samples: Samples, robot: RobotModel) -> FloatArray:
     """(6,) stiffness [N m/rad] by ordinary least squares on (4.17), as table 4.3 was made.
 
     For comparison: the tracker's noise is in the matrix and pulls the stiffness down.
+
+    Args:
+        samples: 6-DOF deflections.
+        robot: with the tool that they are of.
     """
     return np.asarray(lstsq(*regression(samples, robot))[0])

@@ -52,6 +52,11 @@ def validate(
 ) -> Validation:
     """Compare a result's prediction with measurements, best of loads not used to identify.
 
+    Args:
+        result: of an identification.
+        samples: measured, best of loads not used to identify.
+        robot: with the tool that they are of.
+
     Raises:
         CabolsError: if there is no sample.
     """
@@ -108,6 +113,10 @@ def choose_model(samples: PointSamples | Samples, robot: RobotModel) -> ModelCho
     A load is held out at all reflectors and on both branches' samples of its number; outliers of
     the whole fit count nowhere. Cubic is chosen if it predicts better by more than two standard
     deviations of the improvement.
+
+    Args:
+        samples: to fit and to predict.
+        robot: with the tool that they are of.
 
     Raises:
         IdentificationError: if there are too few samples.

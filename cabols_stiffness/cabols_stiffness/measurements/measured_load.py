@@ -98,6 +98,10 @@ def to_cells(load: MeasuredLoad) -> list[str]:
 def from_cells(cells: Sequence[str], limbs: int) -> MeasuredLoad:
     """Read one line of that table.
 
+    Args:
+        cells: of the line, as text.
+        limbs: number of the rig's limbs.
+
     Raises:
         CampaignError: if it is none.
     """

@@ -145,7 +145,12 @@ class Samples:
 
 
 def select(samples: Table, which: BoolArray | IntArray) -> Table:
-    """Samples of a boolean mask (k,) or of indices, in their order."""
+    """Samples of a boolean mask (k,) or of indices, in their order.
+
+    Args:
+        samples: k of them.
+        which: (k,) mask, or indices.
+    """
     chosen = {field.name: getattr(samples, field.name)[which] for field in fields(samples)}
     return type(samples)(**chosen)
 

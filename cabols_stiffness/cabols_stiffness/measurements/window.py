@@ -40,7 +40,12 @@ class Rolling:
         self.newest_ns = -1
 
     def add(self, stamps: Stamps, rows: FloatArray) -> None:
-        """Append (k,) stamps [ns] and (k, columns) rows; what is not newer is left out."""
+        """Append (k,) stamps [ns] and (k, columns) rows; what is not newer is left out.
+
+        Args:
+            stamps: (k,) [ns].
+            rows: (k, columns).
+        """
         fresh = stamps > np.maximum.accumulate(np.concatenate([[self.newest_ns], stamps[:-1]]))
         if not fresh.all():
             stamps, rows = stamps[fresh], rows[fresh]
@@ -67,6 +72,10 @@ class Rolling:
 
     def between(self, begin_ns: int, end_ns: int) -> FloatArray:
         """(k, columns) rows with begin_ns <= stamp <= end_ns.
+
+        Args:
+            begin_ns: of the window.
+            end_ns: of the window.
 
         Raises:
             CampaignError: if the window began before the oldest row that is still kept.

@@ -74,6 +74,11 @@ def cartesian_compliance(
 ) -> FloatArray:
     """(6, 6) deflection of the unloaded tool by a small wrench, J B^-1 J^T [m/N, rad/(N m)].
 
+    Args:
+        result: of an identification.
+        robot: with the tool.
+        joints: (6,) of the unloaded robot [rad].
+
     Raises:
         ShapeError: if joints has another shape or is not finite.
     """

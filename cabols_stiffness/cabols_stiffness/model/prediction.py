@@ -42,7 +42,12 @@ def law_of(result: StiffnessResult) -> Law:
 
 
 def parameter_covariance(result: StiffnessResult, rest: Balance) -> FloatArray:
-    """(k, 6, 6) covariance of the joints' deflections by the parameters' uncertainty [rad^2]."""
+    """(k, 6, 6) covariance of the joints' deflections by the parameters' uncertainty [rad^2].
+
+    Args:
+        result: of an identification.
+        rest: the balance whose deflections they are.
+    """
     columns = np.concatenate([rest.by_stiffness, rest.by_cubic], axis=2)
     return np.asarray(columns @ result.parameter_covariance @ columns.swapaxes(1, 2))
 

@@ -21,7 +21,12 @@ FORMAT = "cabols stiffness 1"
 
 
 def to_mapping(result: StiffnessResult, robot: RobotModel) -> dict[str, Any]:
-    """Return what result.yaml holds, as plain numbers and lists; None stands for NaN."""
+    """Return what result.yaml holds, as plain numbers and lists; None stands for NaN.
+
+    Args:
+        result: of an identification.
+        robot: that it is of.
+    """
     deviation, cubic_deviation = result.standard_deviation, result.cubic_deviation
     joints = []
     for j in range(JOINTS):
@@ -145,7 +150,14 @@ def write_result(
     robot: RobotModel,
     more: dict[str, Any] | None = None,
 ) -> None:
-    """Write result.yaml; `more` are further top-level keys, such as the provenance."""
+    """Write result.yaml; `more` are further top-level keys, such as the provenance.
+
+    Args:
+        path: of the file.
+        result: of an identification.
+        robot: that it is of.
+        more: further top-level keys, such as the provenance.
+    """
     content = {**to_mapping(result, robot), **(more or {})}
     text = yaml.safe_dump(content, sort_keys=False, width=100, default_flow_style=None)
     Path(path).write_text(text, encoding="utf-8")

@@ -74,6 +74,10 @@ def deflected_arm(offset: ArrayLike, deflection: ArrayLike) -> FloatArray:
 
     A wrench that is measured on the loaded robot moves along this arm, not along the unloaded one.
 
+    Args:
+        offset: (..., 3) from the tool's origin to the point [m].
+        deflection: (..., 6) of the tool [m, rad].
+
     Raises:
         ShapeError: if an argument has another shape or is not finite.
     """
@@ -82,7 +86,12 @@ def deflected_arm(offset: ArrayLike, deflection: ArrayLike) -> FloatArray:
 
 
 def turn(rotation: FloatArray, screw: FloatArray) -> FloatArray:
-    """(..., 6) wrenches or deflections in other axes, by (..., 3, 3) from the old to the new."""
+    """(..., 6) wrenches or deflections in other axes, by (..., 3, 3) from the old to the new.
+
+    Args:
+        rotation: (..., 3, 3) from the old to the new axes.
+        screw: (..., 6) wrench or deflection in the old axes.
+    """
     halves = np.reshape(screw, (*screw.shape[:-1], 2, 3))
     turned = np.einsum("...ij,...kj->...ki", rotation, halves)
     return np.asarray(turned.reshape(*turned.shape[:-2], 6))
