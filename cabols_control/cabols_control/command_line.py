@@ -1,4 +1,4 @@
-"""What all commands share: options, exit codes, errors on one line.
+"""Common parts of all commands: options, exit codes, errors on one line.
 
 Exit codes: 0 done; 1 a target was not met, or a run failed; 2 the command line cannot be used (an
 unknown option, a missing file, an occupied output folder); 130 after Ctrl-C.
@@ -85,7 +85,7 @@ def _rig(text: str) -> str:
 
 
 def unknown_options(unknown: Sequence[str], known: Sequence[str]) -> str:
-    """Say which words were not understood, and what may have been meant."""
+    """Return the unknown words with suggestions."""
     said = []
     for word in unknown:
         name = word.partition("=")[0]
@@ -101,7 +101,7 @@ def did_you_mean(word: str, known: Sequence[str]) -> str:
 
 
 def command(main: Callable[Parameters, int]) -> Callable[Parameters, int]:
-    """Decorate a command's main: what the user did wrong becomes one line and an exit code."""
+    """Decorate a command's main: a user's mistake becomes one line and an exit code."""
 
     @functools.wraps(main)
     def guarded(*args: Parameters.args, **kwargs: Parameters.kwargs) -> int:
@@ -110,7 +110,7 @@ def command(main: Callable[Parameters, int]) -> Callable[Parameters, int]:
         except CabolsError as error:
             return fail(str(error), USAGE if isinstance(error, UsageError) else FAILED)
         except BrokenPipeError:
-            # The reader of the output has gone, as `| head` does.
+            # The reader of the output has ended, as `| head` does.
             return FAILED
         except OSError as error:
             return fail(

@@ -183,7 +183,7 @@ def _wrong_types(hint: Any, value: Any, place: tuple[Any, ...] = ()) -> list[Fin
         if not isinstance(value, dict):
             return [(place, f"expected a mapping of keys, got {shown(value)}")]
         hints = get_type_hints(hint, include_extras=True)
-        # Unknown keys are pydantic's to find.
+        # pydantic finds unknown keys.
         return [
             finding
             for key, item in value.items()
@@ -218,7 +218,7 @@ def _told(document: Document, findings: list[Finding]) -> str:
     for place, text in findings[:MAX_FINDINGS]:
         line = document.line(place)
         key = ".".join(str(part)[:80] for part in place)
-        # A check of the whole names its keys by itself.
+        # A check of the whole mapping names its keys itself.
         where = f"{key} (line {line}): " if key and line else (f"{key}: " if key else "")
         told.append(f"{where}{text[:400]}")
     more = len(findings) - MAX_FINDINGS

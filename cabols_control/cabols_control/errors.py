@@ -1,4 +1,4 @@
-"""What cabols raises when an argument or a file is wrong: expected, came, what to do."""
+"""Errors of wrong arguments and files: what was expected, what came, what to do."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class Frame:
 
 @dataclass(frozen=True, config=STRICT)
 class RigFrames:
-    """Nominal places of what is mounted on a rig.
+    """Nominal places of the devices mounted on a rig.
 
     Attributes:
         tool_frame: the platform, in the robot's flange.

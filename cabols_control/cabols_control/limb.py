@@ -16,7 +16,7 @@ from cabols_control.errors import ShapeError
 TIME_CONSTANT_RANGE_S = (0.005, 10.0)
 MIN_SAMPLES = 20
 SPEED_WINDOW = 5
-"""Samples over which the direction of motion is told."""
+"""Samples over which the direction of motion is determined."""
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def decode(raws: list[bytes], type_name: str, store: Typestore) -> dict[str, Col
     Args:
         raws: serialised messages.
         type_name: their type.
-        store: that knows the type.
+        store: type store that holds the type.
 
     Returns:
         By dotted field name: (k,) or (k, n) array for numbers; a list of strings for text; a list

@@ -10,7 +10,7 @@ from cabols_control.stamps import first_stamp
 
 
 def payload_digest(folder: str | Path) -> dict[str, str]:
-    """Digest what was said on each topic; times of recording do not count.
+    """Digest the messages of each topic; times of recording do not count.
 
     Messages count in the order of their stamps (and of their bytes where stamps are equal): several
     nodes may write to one topic (loop_status), and which of them arrives first is chance.

@@ -29,7 +29,7 @@ class Definition:
 
 
 class Definitions:
-    """Looks types up among those that rosbags knows and the installed ROS packages."""
+    """Looks types up in rosbags and in the installed ROS packages."""
 
     def __init__(self) -> None:
         """Start with the types of ROS 2 Jazzy."""
@@ -118,10 +118,10 @@ def parse_definition(type_name: str, text: str) -> dict[str, Any]:
 
 
 def verified(definition: Definition) -> Definition:
-    """Return a definition whose text and hash agree; of a damaged one the installed type's.
+    """Return a definition whose text and hash agree; for a damaged one, the installed type's.
 
-    A single damaged byte in the text may leave a definition that can be read, and is wrong: the
-    hash tells. If the type is not installed either, the text counts, with its own hash.
+    A single damaged byte may leave a definition that is readable but wrong; the hash reveals it.
+    If the type is not installed either, the text counts, with its own hash.
     """
     store = get_typestore(Stores.EMPTY)
     try:

@@ -1,4 +1,4 @@
-"""What can be wrong with a bag."""
+"""Errors of bags."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from cabols_control.errors import CabolsError, UsageError
 
 
 class BagError(CabolsError):
-    """A bag cannot be written or read; the message says what was expected, came and helps."""
+    """A bag cannot be written or read; the message says what was expected and what came."""
 
 
 class MissingBagError(BagError, UsageError):
-    """A bag, or an output folder for one, was named that cannot be used; exit code 2."""
+    """The named bag, or output folder of a bag, cannot be used; exit code 2."""

@@ -61,7 +61,7 @@ class TopicSummary:
 
 @dataclass
 class Summary:
-    """What metadata.yaml says about one MCAP file; times in ns."""
+    """Content of metadata.yaml about one MCAP file; times in ns."""
 
     file_name: str
     topics: list[TopicSummary] = field(default_factory=list)
@@ -80,7 +80,7 @@ class Summary:
 
 
 def write_metadata(folder: Path, summary: Summary, custom: dict[str, str]) -> None:
-    """Write metadata.yaml in one step: it is either whole or not there.
+    """Write metadata.yaml atomically: the file is either complete or absent.
 
     Args:
         folder: of the bag.
@@ -165,7 +165,7 @@ def _topic(topic: TopicSummary) -> dict[str, Any]:
 
 
 class _Text(str):
-    """A string that must stay one for readers of YAML 1.1 and 1.2 alike: `1e3`, `yes`, `0o7`."""
+    """A string that readers of YAML 1.1 and 1.2 must both read as one: `1e3`, `yes`, `0o7`."""
 
     __slots__ = ()
 
@@ -174,7 +174,7 @@ class _Dumper(yaml.SafeDumper):
     """Quotes text, writes each value in full."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Write repeated values out: not every reader knows anchors."""
+        """Write repeated values in full: some readers do not support anchors."""
         del data
         return True
 

@@ -164,7 +164,7 @@ def iterate(
 def batches(
     folder: str | Path, topics: Iterable[str] | Mapping[str, str], size: int = 20_000
 ) -> Iterator[dict[str, dict[str, Column]]]:
-    """Yield a bag's messages as arrays, so many messages at a time, in constant memory.
+    """Yield a bag's messages as arrays, a batch at a time, in constant memory.
 
     Args:
         folder: of the bag.
@@ -209,7 +209,7 @@ def batches(
 
 
 def _drain(channels: dict[str, _Channel]) -> dict[str, dict[str, Column]]:
-    """Decode what the channels have gathered, and forget it."""
+    """Decode the gathered messages of all channels, and drop their bytes."""
     found = {}
     for name, channel in channels.items():
         if channel.raws:
@@ -219,7 +219,7 @@ def _drain(channels: dict[str, _Channel]) -> dict[str, dict[str, Column]]:
 
 
 class _Channel:
-    """What one pass gathers of a topic."""
+    """Messages that one pass gathers of a topic."""
 
     def __init__(self, type_name: str, text: str) -> None:
         self.type_name = type_name

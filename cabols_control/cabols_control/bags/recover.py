@@ -1,4 +1,4 @@
-"""Mending bags whose recorder was killed: `recover BAG`."""
+"""Recover bags whose recorder was killed: `recover BAG`."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Recovery:
 
 
 def recover(bag: str | Path, output: str | Path | None = None) -> Recovery:
-    """Make a complete bag of what a killed or damaged recording still holds.
+    """Make a complete bag of the readable part of a killed or damaged recording.
 
     Args:
         bag: folder with one .mcap, or the .mcap in it.
@@ -100,7 +100,7 @@ def _rewrite(source: Path, target: Path, name: str, in_place: bool) -> Recovery:
                 if key != "rosbag2":
                     file.add_metadata(key, content)
             file.finish(sync=True)
-            # A metadata.yaml left from before must not describe the new file.
+            # An older metadata.yaml must not describe the new file.
             (target / FILE_NAME).unlink(missing_ok=True)
             temporary.replace(target / name)
             write_metadata(target, file.summary, custom)

@@ -1,8 +1,7 @@
-"""Reading MCAP files front to back, whether they are whole or not.
+"""Read MCAP files from front to back, complete or damaged.
 
-mcap's own stream reader takes a short record for a whole one and stops at the first exception;
-what a killed or damaged recording still holds needs the frames in hand. The records themselves
-are parsed by mcap.
+The stream reader of mcap accepts a cut record as a whole one and stops at the first exception.
+This module therefore reads the frames itself, and parses the records with mcap.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ class Salvage:
     """One pass through a file.
 
     Attributes:
-        channels: by number, as far as the pass has come.
+        channels: by number, up to the present position of the pass.
         metadata: records by name, likewise.
         dropped_bytes: bytes of records that are cut or damaged.
         complete: whether the pass has found index, footer and end.
@@ -107,7 +106,7 @@ class Salvage:
                 self.complete = stream.read(len(MAGIC)) == MAGIC
                 break
             elif opcode == Opcode.DATA_END:
-                # The index after it only repeats, and without a checksum for each record.
+                # The index that follows only repeats the data, without a checksum for each record.
                 in_data = False
             elif in_data and len(content) == size:
                 self._note(opcode, content)
@@ -135,7 +134,7 @@ class Salvage:
         try:
             data = _cut_chunk(content) if _lacks_data(content) else _whole_chunk(content)
         except Exception as error:
-            # Damaged bytes may raise anything from zlib, zstd, struct or the text decoder.
+            # Damaged bytes may raise any error of zlib, zstd, struct or the text decoder.
             if not cut:
                 self._damage(f"a damaged chunk ({error})", FRAME.size + size)
             return
@@ -157,7 +156,7 @@ class Salvage:
         return Message(channel, sequence, log_time, publish_time, payload)
 
     def _note(self, opcode: int, content: bytes) -> None:
-        """Keep what a record says about the messages."""
+        """Store what a record says about the messages."""
         try:
             stream = ReadDataStream(BytesIO(content))
             if opcode == Opcode.SCHEMA:
@@ -227,7 +226,7 @@ def _lacks_data(content: bytes) -> bool:
 
 
 def _cut_chunk(content: bytes) -> bytes:
-    """Uncompress the beginning of a chunk whose end is missing, as far as it goes."""
+    """Decompress the beginning of a chunk whose end is missing."""
     *_, size, _, name_length = CHUNK_HEAD.unpack_from(content)
     start = CHUNK_HEAD.size
     compression = content[start : start + name_length].decode()

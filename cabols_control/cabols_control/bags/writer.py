@@ -1,4 +1,4 @@
-"""Writing rosbag2 folders with one MCAP file that survives a kill of its writer."""
+"""Write rosbag2 folders with one MCAP file that survives a kill of its writer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LIBRARY = "cabols_control"
 
 
 class McapFile:
-    """An MCAP file with ROS 2 channels, and the sums that metadata.yaml wants.
+    """An MCAP file with ROS 2 channels, and the totals that metadata.yaml needs.
 
     Attributes:
         summary: see Summary.
@@ -32,7 +32,7 @@ class McapFile:
 
         Args:
             path: of the file.
-            file_name: under which metadata.yaml is to know it.
+            file_name: its name in metadata.yaml.
             replace: whether an existing file is overwritten.
         """
         self.summary = Summary(file_name)
@@ -95,11 +95,11 @@ class McapFile:
         self._topics[channel].messages += 1
 
     def flush(self) -> None:
-        """End the chunk and hand it to the kernel: from then on it survives kill -9."""
+        """End the chunk and hand it to the kernel; from then on it survives kill -9."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self, sync: bool = False) -> None:
-        """Write index and footer; with sync, the disk itself has them on return."""
+        """Write index and footer; with sync, they are on the disk on return."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.flush()
         if sync:
@@ -113,7 +113,7 @@ class McapFile:
 
 
 class BagWriter:
-    """A bag that is being recorded. Not for several threads at once."""
+    """A bag that is being recorded; not thread-safe."""
 
     def __init__(self, folder: str | Path, metadata: dict[str, str]) -> None:
         """Create the folder and the file.
@@ -124,7 +124,7 @@ class BagWriter:
                 end in metadata.yaml's custom_data.
 
         Raises:
-            BagError: if there is something already, or it cannot be created.
+            BagError: if the folder is not empty, or cannot be created.
         """
         self.folder = Path(folder)
         self._metadata = dict(metadata)
@@ -190,7 +190,7 @@ class BagWriter:
             raise self._failure(error) from error
 
     def flush(self) -> None:
-        """Save all that was written so far against kill -9 (not against a power cut).
+        """Make everything written so far safe against kill -9 (not against a power cut).
 
         Raises:
             BagError: if the disk refuses.
@@ -213,7 +213,7 @@ class BagWriter:
             raise self._failure(error) from error
 
     def abandon(self) -> None:
-        """Give up without completing, after a failure; `recover` can mend the bag."""
+        """Stop without completing the bag, after a failure; `recover` can complete it."""
         self._file.abandon()
 
     @property
@@ -251,7 +251,7 @@ def make_folder(folder: Path) -> None:
     """Create a folder for a new bag.
 
     Raises:
-        BagError: if it holds something already or cannot be created.
+        BagError: if it is not empty or cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""Which nodes a graph has, and how they are started and ended."""
+"""The nodes of a graph, and how they are started and ended."""

@@ -1,4 +1,4 @@
-"""The table of nodes: the one source for the supervisor of processes and for the launch files."""
+"""The table of nodes: the only source for the process supervisor and the launch files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cabols_control.rig_folder import BENCH
 from cabols_control.topics import RECORDED
 
 ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
-"""For every node's environment: the matrices are tiny, and two cores carry the whole graph."""
+"""Environment of every node: its matrices are tiny, and two cores run the whole graph."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ CAMPAIGN = (
 
 @dataclass(frozen=True)
 class Ports:
-    """Where the simulated devices are found, all on loopback.
+    """Ports of the simulated devices, all on loopback.
 
     Attributes:
         link: UDP, between plant and device simulator.
@@ -317,7 +317,7 @@ def rig_graph(record: bool = True, campaign: bool = False, console: bool = False
 
 
 def _with_robot(node: NodeSpec) -> NodeSpec:
-    """Tell those that behave differently with a robot that there is one."""
+    """Set the parameter of nodes that behave differently with a robot."""
     concerned = node.executable in ("supervisor", "limb_controller", "wrench_controller")
     return node.with_parameters(robot=True) if concerned else node
 
@@ -332,7 +332,7 @@ def bench_graph(
 ) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
-    They are the rig's, but for the plant in the bridge's place, and the simulated devices. In
+    They are the rig's nodes with the plant in the bridge's place, and the simulated devices. In
     lockstep every node waits until its topics have all the readers that this table gives them, so
     that nothing is lost at the start. With a robot, which has its own pace, the clock waits for the
     control path alone: plant, wrench controller, limb controller.
@@ -345,7 +345,7 @@ def bench_graph(
         ports: of the devices.
         campaign: with the nodes of stiffness campaigns; they need the robot.
         console: with the operator's page; in lockstep only with a robot, as otherwise the clock
-            waits for the supervisor, which then has no time to miss an operator.
+            waits for the supervisor, whose operator time-out then cannot run.
     """
     first = [CONSOLE] if console and (robot or not lockstep) else []
     first += [RECORDER] if record else []
@@ -370,8 +370,8 @@ def bench_graph(
 
 
 def _beside_clock(node: NodeSpec) -> NodeSpec:
-    """Tell those that are not in the control path that a lockstep clock does not wait for them."""
-    # They then go at their own rate instead of answering every sample, as in real time.
+    """Set the parameters of nodes outside the control path, for which lockstep does not wait."""
+    # They then run at their own rate instead of answering every sample, as in real time.
     reads = {"load_program": ("mode",), "supervisor": ("loop_status",)}.get(node.executable)
     if reads is None:
         return node

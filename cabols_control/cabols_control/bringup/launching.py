@@ -1,4 +1,4 @@
-"""What both launch files share; imported by them only, as `launch` is not everywhere installed."""
+"""Functions of both launch files; only they import it, as `launch` is not installed everywhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small supervisor of processes for where `ros2 launch` is not installed.
+"""A small process supervisor, for computers without `ros2 launch`.
 
 Starts the nodes in order, prefixes their output, ends all when one ends, in reverse order: SIGINT,
 after a grace SIGTERM, then SIGKILL. If it is killed itself, the kernel ends its children.
@@ -30,7 +30,7 @@ class ProcessError(CabolsError):
 
 @dataclass(frozen=True)
 class Ended:
-    """How a run of processes ended.
+    """Outcome of a run of processes.
 
     Attributes:
         first: name of the node that ended first; empty if the user interrupted.
@@ -44,7 +44,7 @@ class Ended:
 
 
 def executable_path(package: str, executable: str) -> Path:
-    """Find an executable where `ros2 run` looks: <prefix>/lib/<package>/<executable>.
+    """Find an executable in the place where `ros2 run` looks: <prefix>/lib/<package>/<executable>.
 
     Raises:
         ProcessError: if it is in no prefix of AMENT_PREFIX_PATH nor in this interpreter's.
@@ -84,7 +84,7 @@ def run(
         on_start: called with the process ids once all have started; with respawn_s the same dict
             is kept up to date.
         keep_going: run on when a node ends, until the user interrupts.
-        respawn_s: start a node again so long after it has ended; implies keep_going [s].
+        respawn_s: time from a node's end to its new start; implies keep_going [s].
 
     Returns:
         How it ended.
@@ -99,7 +99,7 @@ def _print_line(name: str, line: str) -> None:
 
 def _die_with_parent() -> None:
     _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    # A Ctrl-C of the terminal reaches the supervisor only, which ends the nodes in order.
+    # A Ctrl-C of the terminal reaches only this process, which ends the nodes in order.
     os.setpgrp()
 
 

@@ -1,1 +1,1 @@
-"""Test signals for limbs, and the models, gains and figures that come of them."""
+"""Test signals for limbs, and the models, gains and figures that result from them."""

@@ -38,12 +38,12 @@ def _thin(*arrays: FloatArray) -> list[FloatArray]:
 def modelled_step(
     time: FloatArray, current: FloatArray, wound: FloatArray, model: LimbModel, friction: float
 ) -> FloatArray:
-    """Wound length that model and dry friction give for the recorded current.
+    """Compute the wound length by model and dry friction for the recorded current.
 
     Args:
         time: (k,) [s].
         current: (k,) held between samples [A].
-        wound: (k,) measured: tells which way the friction acts [m].
+        wound: (k,) measured; its direction is that of the friction [m].
         model: identified.
         friction: identified [A].
 

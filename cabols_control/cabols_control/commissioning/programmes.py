@@ -1,4 +1,4 @@
-"""Commissioning programmes of one limb: what to do next, when to stop, what was recorded."""
+"""Commissioning programmes of one limb: next command, end, record; pure."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 COLUMNS = ("time", "current", "wound_length", "elongation", "tension")
 STEP, RAMP = "step", "ramp"
 SLACK_M = 0.005
-"""Paid out beyond where the switch opens, so that the step starts with a slack cable."""
+"""Length paid out beyond the opening of the switch, so that the step starts with a slack cable."""
 SETTLE_S = 0.3
 STILL_M = 20e-6
-"""Less motion within SETTLE_S is standing still."""
+"""Largest motion within SETTLE_S of a motor at rest."""
 SLOW_ZONE_M = 0.03
-"""The last way back is wound at pretension_speed: the cable gets tight there."""
+"""Last part of the way back, wound at pretension_speed because the cable gets tight there."""
 LOW_TENSION_N = 2.0
 """The ramp's lowest tension: "0 N", but never slack."""
 GUARD_MARGIN_N = 5.0
-"""Above the most that is commanded, for noise and overshoot."""
+"""Margin above the largest command, for noise and overshoot."""
 
 
 class CommissioningError(CabolsError):
@@ -53,8 +53,8 @@ class CommissioningConfig:
     Attributes:
         step_current: size of the step [A]; it is applied PAYING OUT (negative), so that it cannot
             tighten the cable.
-        step_travel: the step ends after so much cable; the motor then coasts [m].
-        step_time: it ends after so long at the latest [s].
+        step_travel: cable length after which the step ends and the motor coasts [m].
+        step_time: longest step [s].
         travel: beyond it the motor is braked [m]; half as much again ends the programme.
         ramp_tension: peak of the ramp [N].
         ramp_rate: [N/s].
@@ -81,15 +81,15 @@ class CommissioningConfig:
 
 
 class Programme:
-    """What both programmes share: limb, time, guards, record.
+    """Base of both programmes: limb, time, guards, record.
 
     Attributes:
         limb: index from 0.
         hold_others: whether the other limbs hold the holding tension; else they rest.
-        started: whether it has seen a sample.
+        started: whether it has received a sample.
         done: whether it is over.
         fault: why it ended early; empty if it did not.
-        phase: what it does, one word.
+        phase: present phase, one word.
     """
 
     kind = ""
@@ -221,12 +221,12 @@ class StepProgramme(Programme):
         return 1.0 if self.done else phases.index(self.phase) / len(phases)
 
     def begin(self, sample: LimbSample) -> None:
-        """Remember where the limb was."""
+        """Store the limb's position."""
         self._home = self._open = float(sample.wound_length[self.limb])
         self._enter("slacken")
 
     def advance(self, wound: float, closed: bool) -> tuple[int, float]:
-        """Do the next thing."""
+        """Return kind and value of the present phase."""
         if not abs(wound - self._home) <= 1.5 * self._config.travel:
             self.abort(
                 f"travelled {abs(wound - self._home):.3f} m, {self._config.travel:g} m meant"
@@ -252,7 +252,7 @@ class StepProgramme(Programme):
     def _excite(self, wound: float) -> tuple[int, float]:
         config, elapsed = self._config, self._elapsed()
         if self.phase == "stand":
-            # Only the end of the standing is recorded: the motor must have come to rest.
+            # Only the end of the rest is recorded, when the motor has come to a stop.
             self._recording = elapsed >= 0.5 * SETTLE_S
             if elapsed < SETTLE_S:
                 return CURRENT, 0.0

@@ -1,4 +1,4 @@
-"""What commissioning programmes recorded, turned into models, gains and the limbs' YAML."""
+"""Models, gains and the limbs' YAML from the records of commissioning programmes."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from cabols_control.naming import limb_names, number
 from cabols_control.rig import Rig
 
 TENSION_RANGE_N = (5.0, 145.0)
-"""Of the ramp what the stiffness is fitted to: below, the spring's coils may touch."""
+"""Range of the ramp for the fit [N]: at less tension the spring's coils may touch."""
 
 
 @dataclass(frozen=True)
 class StepResult:
-    """What a step gave.
+    """Result of a step.
 
     Attributes:
         model: the model to use: with dry friction taken out, unless that fit is worse.
@@ -47,7 +47,7 @@ class StepResult:
 
 @dataclass(frozen=True, eq=False)
 class RampResult:
-    """What a ramp gave.
+    """Result of a ramp.
 
     Attributes:
         line: force/elongation line.
@@ -110,9 +110,9 @@ def evaluate_ramp(
 ) -> RampResult:
     """Fit k_e to a RampProgramme's record: elongation against the force sensor's tension.
 
-    What the wrench was while the limb stood at the holding tension is subtracted: it holds the
-    other cables' tensions, which stay, and leaves the ramp's share. So the slope does not hang on
-    the assumed stiffness; the line's offset does.
+    The wrench at the holding tension is subtracted: it contains the other cables' tensions, which
+    stay constant, so that the ramp's share is left. The slope therefore does not depend on the
+    assumed stiffness; the line's offset does.
 
     Args:
         record: of the programme.
@@ -162,7 +162,7 @@ class LimbResult:
         fit: of the wound length.
         stiffness: k_e [N/m].
         stiffness_fit: of the tension.
-        message: what else there is to know.
+        message: further findings.
     """
 
     limb: int

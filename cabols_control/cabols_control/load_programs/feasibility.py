@@ -17,7 +17,7 @@ PREVIEW_POINTS = 240
 
 @dataclass(frozen=True, eq=False)
 class ProgramCheck:
-    """A programme held against the cables and the sensor at one pose.
+    """A programme compared with the cables' and the sensor's limits at one pose.
 
     Attributes:
         program: what was checked.
@@ -42,7 +42,7 @@ class ProgramCheck:
 
     @property
     def worst(self) -> int | None:
-        """Point furthest from what can be given; None if all can."""
+        """Index of the point farthest from the feasible wrenches; None if all are feasible."""
         if self.feasible:
             return None
         if not self.reached.all():
@@ -50,7 +50,7 @@ class ProgramCheck:
         return int(np.argmin(self.rated))
 
     def sentence(self) -> str:
-        """Say what was found, for an operator."""
+        """Return the finding in words, for an operator."""
         name, duration = self.program.name, self.program.duration
         if self.worst is None:
             return (
@@ -79,10 +79,10 @@ class ProgramCheck:
 def check_program(
     rig: Rig, program: LoadProgram, position: FloatArray, rotation: FloatArray
 ) -> ProgramCheck:
-    """Hold a programme against the tension limits and the sensor's range at one pose.
+    """Compare a programme with the tension limits and the sensor's range at one pose.
 
     The wrenches that tensions within limits give form a convex set: between two points that are
-    feasible, the straight line is, too, so the points decide about the whole programme.
+    feasible, the straight line is feasible too, so the points decide about the whole programme.
 
     Args:
         rig: geometry, tension limits, rated wrench.

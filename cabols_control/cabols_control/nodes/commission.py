@@ -46,13 +46,13 @@ from cabols_control.topics import NAMESPACE
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
 FOUND_S = 180.0
-"""The action must be there within this; a first start compiles for a minute or two."""
+"""Longest wait for the action; a first start compiles for a minute or two [s]."""
 LIMB_S = 180.0
-"""One limb may take so long."""
+"""Longest commissioning of one limb [s]."""
 START_S = 60.0
-"""A node that compiles in its first start does not report yet: so long a refusal is tried again."""
+"""Time for which a refusal is tried again [s]: nodes that compile at first start are silent."""
 AT_ONCE_S = 2.0
-"""A refusal within this came before anything moved."""
+"""Longest time to a refusal that comes before any motion [s]."""
 
 
 class Tool:
@@ -63,7 +63,7 @@ class Tool:
 
         Args:
             rig: as configured.
-            speed: how fast the rig's time passes, below 1 in simulated slow motion.
+            speed: rate of the rig's time; below 1 in simulated slow motion.
         """
         self._rig = rig
         self._node = rclpy.create_node("commission", namespace=NAMESPACE)
@@ -88,7 +88,7 @@ class Tool:
         print(f"  {time.monotonic() - self._began:5.1f} s  {text}", flush=True)
 
     def find(self) -> bool:
-        """Wait for the action; whether it is there."""
+        """Wait for the action; return whether it is available."""
         while not self._client.server_is_ready():
             if time.monotonic() - self._began > FOUND_S:
                 return False
@@ -96,7 +96,7 @@ class Tool:
         return True
 
     def run(self, goal: CommissionLimb.Goal) -> tuple[bool, LimbResult]:
-        """Commission one limb; a refusal before anything moved is tried again for a while."""
+        """Commission one limb; a refusal before any motion is tried again for a while."""
         give_up = time.monotonic() + START_S
         told = ""
         while True:
@@ -171,7 +171,7 @@ def _step_of(rows: np.ndarray) -> dict[str, np.ndarray] | None:
         return None
     first, last = np.flatnonzero(moving)[[0, -1]]
     part = rows[max(first - 200, 0) : last + 1]
-    # A row's current was on the motor until then; the model wants the one from then on.
+    # A row's current was on the motor until then; the model needs the current from then on.
     record = {
         "time": part[:-1, 1] - part[0, 1],
         "current": part[1:, 2],
@@ -288,7 +288,7 @@ def _commission(
         if not done:
             return fail(f"{limb_name(limb)}: {result.message}", FAILED)
         results[limb] = result
-        # After each limb, so that an interruption leaves what was done.
+        # After each limb, so that an interruption keeps the results so far.
         write_results(arguments.output, rig, results)
         tool.draw(result, arguments.output)
         save(draw_overview(rig, results), arguments.output / "overview.png")

@@ -34,14 +34,14 @@ from cabols_control.supervision.modes import OperatingMode
 
 POLL_S = 0.1
 ANSWER_S = 5.0
-"""The supervisor answers, and the mode arrives, within this."""
+"""Longest wait for the supervisor's answer and for the mode [s]."""
 PRETIGHTENED_S = 30.0
 TIGHT_S = 2.0
 """Longest time from this node's knowing that every limb is tight to the supervisor's."""
 
 
 class LimbNode(Protocol):
-    """What the server needs of the node that it belongs to."""
+    """Interface of the server's node."""
 
     rig: Rig
     lockstep: bool
@@ -52,7 +52,7 @@ class LimbNode(Protocol):
 
 
 class CommissionServer:
-    """Runs one programme at a time; the mode is asked of the supervisor and given back."""
+    """Runs one programme at a time; requests the mode from the supervisor and leaves it STOPPED."""
 
     def __init__(self, node: Any, controller: LimbController) -> None:
         """Advertise the action.
@@ -155,7 +155,7 @@ class CommissionServer:
         await self._enter(OperatingMode.COMMISSIONING)
         programme = make_step(self._node.rig, limb, config)
         await self._run(handle, programme)
-        # The computation below takes the interpreter's time from the control loop.
+        # The computation below would compete with the control loop for the interpreter.
         await self._enter(OperatingMode.STOPPED)
         found = evaluate_step(programme.record)
         result.gain, result.time_constant = found.model.gain, found.model.time_constant
@@ -284,7 +284,7 @@ class CommissionServer:
         if mode in (OperatingMode.STOPPED, OperatingMode.FAULT):
             return []
         if mode not in (OperatingMode.COMMISSIONING, OperatingMode.PRETIGHTENING):
-            # Somebody else has taken over.
+            # Another client has taken over.
             return []
         try:
             await self._enter(OperatingMode.STOPPED)

@@ -89,7 +89,7 @@ class LimbControllerNode(ControlNode):
         self._loop.start()
 
     def end(self) -> None:
-        """Stop the loop; the last word is zero current."""
+        """Stop the loop; its last message is zero current."""
         self._loop.stop()
         if self._commissioning is not None:
             self._commissioning.close()
@@ -99,7 +99,7 @@ class LimbControllerNode(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the loop."""
+        """Return the error that ended the loop."""
         return self._loop.failure
 
     def _step(self) -> None:
@@ -119,7 +119,7 @@ class LimbControllerNode(ControlNode):
         self._report()
 
     def _step_otherwise(self, mode: OperatingMode, setpoint: TensionSetpoint | None) -> None:
-        """Answer in whatever case."""
+        """Answer every limb state, whatever its state."""
         record, answer = self._state.record, self._answer
         current = self._controller.step(self._sample(record), mode, setpoint)
         answer.stamp(self._state.stamp_ns)

@@ -29,20 +29,20 @@ from cabols_control.supervision.modes import OperatingMode
 
 FEEDBACK_S = 0.2
 STOP_S = 8.0
-"""So long the rig may take from the programme's end to STOPPED."""
+"""Longest time from the programme's end to STOPPED [s]."""
 POSE_AGE_S = 1.0
-"""A programme is checked at a pose that is not older."""
+"""Largest age of the pose at which a programme is checked [s]."""
 
 
 class NoPoseError(CabolsError):
-    """No platform_pose arrives, so that nothing can be checked."""
+    """No platform_pose arrives: a programme cannot be checked."""
 
 
 class LoadProgramNode(ControlNode):
     """Runs one programme at a time, only in LOADING; leaving LOADING ends it.
 
     In real time it publishes at its own rate; the wrench controller holds each value, and unloads
-    by itself when none comes any more. In lockstep it answers every wrench.
+    by itself when they stop. In lockstep this node answers every wrench.
     """
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class LoadProgramNode(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the loop, or kept the programme from its end."""
+        """Return the error that ended the loop or the programme."""
         if self._loop.failure is not None:
             return self._loop.failure
         if self._exit_when_done and self._verdict:
@@ -137,7 +137,7 @@ class LoadProgramNode(ControlNode):
         self._end_if_asked()
 
     def _end_if_asked(self) -> None:
-        """After the programme ask for STOPPED, and end when that is so, or after a second."""
+        """After the programme request STOPPED; end when it is reached, or after a second."""
         if not self._exit_when_done:
             return
         if self._in_fault():
@@ -157,7 +157,7 @@ class LoadProgramNode(ControlNode):
         return record is not None and int(record["mode"]) == OperatingMode.STOPPED
 
     def _in_fault(self) -> bool:
-        """Whether the rig has stopped, so that the programme cannot be done any more."""
+        """Whether the rig has stopped, so that the programme cannot be completed."""
         record = self._mode.record
         if record is None or int(record["mode"]) != OperatingMode.FAULT:
             return False

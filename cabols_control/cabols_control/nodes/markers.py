@@ -45,7 +45,7 @@ class MarkersNode(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the thread."""
+        """Return the error that ended the thread."""
         return self._ticker.failure
 
     def _tick(self) -> None:
@@ -60,7 +60,7 @@ class MarkersNode(ControlNode):
 
 
 def marker(shape: Shape, number: int, frame: str, stamp: Any) -> Marker:
-    """One shape as RViz draws it."""
+    """Convert one shape to a marker of RViz."""
     kind = Marker.CYLINDER if shape.kind == CYLINDER else Marker.SPHERE
     made = Marker(ns=shape.group, id=number, type=kind, action=Marker.ADD)
     made.header.frame_id, made.header.stamp = frame, stamp
@@ -70,7 +70,7 @@ def marker(shape: Shape, number: int, frame: str, stamp: Any) -> Marker:
     made.scale.x, made.scale.y, made.scale.z = shape.size
     made.color.r, made.color.g, made.color.b = shape.colour
     made.color.a = 1.0
-    # A marker that is not renewed goes: nothing stands still that is not there any more.
+    # A marker that is not renewed disappears, so that RViz shows no outdated shape.
     made.lifetime.sec = 1
     return made
 

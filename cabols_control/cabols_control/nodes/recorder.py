@@ -28,13 +28,13 @@ JOIN_S = 0.1
 
 
 class RecorderNode(ControlNode):
-    """Records from its start, or when the service `record` asks for it; one bag at a time.
+    """Records from its start, or on request of the service `record`; one bag at a time.
 
     The latched topic `recording` holds the folder of the bag in progress; empty: none.
     """
 
     def __init__(self) -> None:
-        """Subscribe to all topics and create the bag, unless it is to wait.
+        """Subscribe to all topics and create the bag, unless recording starts on request.
 
         Raises:
             ConfigError: for an unknown topic.
@@ -88,11 +88,11 @@ class RecorderNode(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended a thread, or kept a bag from being completed."""
+        """Return the error that ended a thread or left a bag incomplete."""
         return self._failure
 
     def _ended(self, failed: bool) -> None:
-        """A recording's thread has ended: with a failure, the node ends, too."""
+        """Handle the end of a recording's thread: after a failure, the node ends, too."""
         if failed:
             self.context.try_shutdown()
         # rclpy's signal handler wakes executors before it ends the context: on a busy machine one
@@ -102,7 +102,7 @@ class RecorderNode(ControlNode):
 
     def _obey(self, request: Any, response: Any) -> Any:
         """Service record: true begins a bag, false completes it."""
-        # Either takes 70 ms of a core: too long for who shares it at a lower priority, or none.
+        # Either takes 70 ms of a core: too long for processes of lower or no priority on it.
         be_ordinary()
         if request.data == (self._recording is not None):
             response.message = (
@@ -138,7 +138,7 @@ class RecorderNode(ControlNode):
         return response
 
     def _join(self) -> None:
-        """Look whether it is time for the loop's topics."""
+        """Subscribe to the loop's topics once their join policy allows it."""
         be_ordinary()
         if self._recording is None or self._recording.join():
             self._joining.cancel()

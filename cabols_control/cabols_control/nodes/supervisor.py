@@ -27,13 +27,13 @@ from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 
 PERIOD_S = 0.02
 NEWS_S = 0.06
-"""Slow copies of the limb states come every 45 ms."""
+"""Longest silence of the slow limb states, which come every 45 ms [s]."""
 REPEAT_EVERY = 5
 """The mode is repeated at 10 Hz, so that its readers notice a silent supervisor."""
 
 
 class SupervisorNode(ControlNode):
-    """Thin node around Supervision: looks 50 times a second for news of the limbs."""
+    """Thin node around Supervision: reads the limb states 50 times a second."""
 
     def __init__(self) -> None:
         """Advertise mode and the services."""
@@ -93,7 +93,7 @@ class SupervisorNode(ControlNode):
         return Input(self, topic if self.paced else live_name(topic), layout, self.lockstep)
 
     def begin(self) -> None:
-        """Start looking."""
+        """Start the loop."""
         self._loop.start()
         super().begin()
 
@@ -103,7 +103,7 @@ class SupervisorNode(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the loop."""
+        """Return the error that ended the loop."""
         return self._loop.failure
 
     def _answer(self) -> None:
@@ -194,7 +194,7 @@ class SupervisorNode(ControlNode):
         return response
 
     def _await_news(self) -> None:
-        """Hear a limb state that is younger than a request: who asks may have seen it."""
+        """Wait for a limb state that is younger than a request: the client may have seen it."""
         heard, give_up = self._state.count, time.monotonic() + NEWS_S
         while self._state.count == heard and time.monotonic() < give_up:
             time.sleep(0.002)
@@ -217,7 +217,7 @@ class SupervisorNode(ControlNode):
         return response
 
     def _publish_change(self) -> None:
-        """Tell a change at once; in lockstep it goes out with the answer to the next state."""
+        """Publish a change at once; in lockstep with the answer to the next state."""
         if not self.paced and self._changed():
             self._publish()
 

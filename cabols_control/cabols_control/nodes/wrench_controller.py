@@ -21,14 +21,14 @@ from cabols_control.wrench_control.tension_setpoint import DesiredTension
 
 POSE_TIMEOUT_S = 0.5
 LOCKSTEP_EXCUSE_NS = 1_000_000_000
-"""Of this computer's time: a lockstep clock may run ahead of a process that the kernel stalls."""
+"""In computer time [ns]: a lockstep clock may run ahead of a process that the kernel stalls."""
 
 
 class WrenchControllerNode(ControlNode):
     """Thin node around WrenchController."""
 
     def __init__(self) -> None:
-        """Subscribe to wrench, what is desired, platform_pose, mode; advertise tension_command."""
+        """Subscribe to wrench, setpoints, platform_pose and mode; advertise tension_command."""
         super().__init__("wrench_controller")
         method = declare(self, "tension_method", "", "see the control file; empty: that file's")
         if method:
@@ -45,7 +45,7 @@ class WrenchControllerNode(ControlNode):
         self._wanted = Input(self, "desired_wrench", wrenches, lockstep)
         tensions = topics.desired_tension_layout(geometry)
         self._wanted_tension = Input(self, "desired_tension", tensions, lockstep, every=2)
-        # A campaign asks when it wants to, also in lockstep.
+        # A campaign sends its setpoints at any time, also in lockstep.
         self._wanted_tension.awaited = False
         pose = topics.pose_layout(geometry)
         self._pose = Input(self, "platform_pose", pose, lockstep, every=2)
@@ -78,12 +78,12 @@ class WrenchControllerNode(ControlNode):
         self._loop.start()
 
     def end(self) -> None:
-        """Stop the loop; the limb controller sees the command grow stale and cuts the current."""
+        """Stop the loop; the limb controller then cuts the current for a stale command."""
         self._loop.stop()
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the loop."""
+        """Return the error that ended the loop."""
         return self._loop.failure
 
     def _step(self) -> None:
@@ -139,7 +139,7 @@ class WrenchControllerNode(ControlNode):
         self._controller.trip(Fault(name, reason))
 
     def _refuse(self, reason: str) -> None:
-        """Keep what was desired before; not a fault, but it is told."""
+        """Keep the previous setpoint; this is reported, but no fault."""
         self._refused = Fault(FaultName.DESIRED, reason)
 
     def _take_pose(self) -> None:
@@ -202,7 +202,7 @@ class WrenchControllerNode(ControlNode):
             self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, values)
 
     def _excuse_tension(self) -> None:
-        """In lockstep let an old value count while whoever asks cannot keep up with the clock."""
+        """In lockstep accept an old value while its sender cannot keep up with the clock."""
         if not self.lockstep or self._tension is None:
             return
         if time.monotonic_ns() - self._wanted_tension.received_ns < LOCKSTEP_EXCUSE_NS:

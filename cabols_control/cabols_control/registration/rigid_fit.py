@@ -1,4 +1,4 @@
-"""What both registrations need: Kabsch's rotation, and Gauss-Newton that knows its covariance."""
+"""Common parts of both registrations: Kabsch's rotation, and Gauss-Newton with covariance."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import CabolsError, ShapeError
 
 MAX_CONDITION = 1e7
-"""Of the scaled, whitened Jacobian; beyond it some unknown is not determined by the data."""
+"""Largest condition number of the scaled, whitened Jacobian; beyond it the data leave an unknown
+undetermined."""
 
 State = TypeVar("State")
 
 
 class RegistrationError(CabolsError):
-    """The measured points cannot determine what was asked for."""
+    """The measured points do not determine the unknowns."""
 
 
 def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -114,7 +115,7 @@ def gauss_newton(
         state: start.
         linearise: state -> whitened residuals (m,) and their Jacobian (m, p).
         retract: state and step (p,) -> state.
-        undetermined: what to say and do if the data leave an unknown free.
+        undetermined: message if the data leave an unknown free.
         limit: of the number of steps.
 
     Returns:

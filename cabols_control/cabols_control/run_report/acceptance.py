@@ -1,4 +1,4 @@
-"""The table of a judged run: what was measured beside what was designed or is allowed."""
+"""Acceptance table of a run: measured values beside the designed or allowed ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CROSS_COUPLING_MAX_PERCENT = 2.0
 STEADY_ERROR_MAX_PERCENT = 1.0
 DEVIATION_MAX_PERCENT = 5.0
 TENSION_MIN_SHARE = 0.5
-"""Of the least tension commanded: below it a cable is as good as slack."""
+"""Share of the least commanded tension; below it a cable counts as slack."""
 LATE_MAX_PERCENT = 1.0
 LOST_MAX_PERCENT = 0.1
 
@@ -38,7 +38,7 @@ class Check:
 
 
 def checks(summary: Mapping[str, Any]) -> list[Check]:
-    """Compare a summary with what was designed or is allowed."""
+    """Compare a summary with the designed or allowed values."""
     s = summary
     designed = s["rise_time_designed_s"]
     lowest = TENSION_MIN_SHARE * s["tension_min_commanded_n"]
@@ -101,7 +101,7 @@ def checks(summary: Mapping[str, Any]) -> list[Check]:
 
 
 def _phase_checks(s: Mapping[str, Any]) -> list[Check]:
-    """What came before and after the load; empty without free-moving."""
+    """Rows of the times before and after the load; empty without free-moving."""
     if not s["free_moving_s"]:
         return []
     return [
@@ -183,7 +183,7 @@ def _plain(quantity: str, value: float | None, unit: str, digits: int) -> Check:
 
 
 def table(summary: Mapping[str, Any]) -> str:
-    """Return the table to print: what was measured beside what was designed or is allowed."""
+    """Return the table to print: measured values beside the designed or allowed ones."""
     words = {True: "met", False: "NOT MET", None: ""}
     rows = [("", "measured", "expected", "")]
     rows += [(c.quantity, c.measured, c.expected, words[c.met]) for c in checks(summary)]

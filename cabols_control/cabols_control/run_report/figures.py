@@ -38,7 +38,7 @@ LIMB_COLOURS = (
 )
 DESIRED, MEASURED, LIMIT = "#222222", "#d95f02", "#b2182b"
 POINTS = 3000
-"""Per curve of a picture: more than it has pixels."""
+"""Points of a curve: more than a picture has pixels."""
 DPI = 130
 
 
@@ -48,7 +48,7 @@ def decimate(time: FloatArray, values: FloatArray, points: int) -> tuple[FloatAr
     Args:
         time: (k,) any unit.
         values: (k,) any unit; NaN is left out where a stretch has numbers.
-        points: about so many remain.
+        points: approximate number that remains.
 
     Returns:
         Time and values of what remains, in order.
@@ -73,7 +73,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def tidy(axes: Axes, ylabel: str = "", xlabel: str = "") -> None:
-    """Grid, labels and no needless frame."""
+    """Set grid and labels; remove the upper and right frame."""
     axes.grid(visible=True, color="#dddddd", linewidth=0.7)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
@@ -119,7 +119,7 @@ def _draw_wrench(axes: Axes, run: BenchRun, component: int) -> None:
 
 
 def _share_scale(panels: list[Axes]) -> None:
-    """Forces among themselves and torques among themselves on the same scale."""
+    """Give all forces one scale, and all torques another one."""
     for group in (panels[:3], panels[3:]):
         low = min(axes.get_ylim()[0] for axes in group)
         high = max(axes.get_ylim()[1] for axes in group)

@@ -1,4 +1,4 @@
-"""What a bag tells of the robot: platform, joints, the laser tracker's measurements."""
+"""The robot's motion in a bag: platform, joints, the laser tracker's measurements."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 
 POSITION = tuple(f"pose.position.{axis}" for axis in "xyz")
 SPEED_OVER_S = 0.04
-"""A speed is the way over so long: ten packets of the robot, so that their noise counts little."""
+"""Time over which a speed is averaged [s]: ten packets of the robot, for little noise."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Numbers of what came before and after the load: free-moving, the robot's motion, unloading."""
+"""Figures of the times before and after the load: free-moving, robot's motion, unloading."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from cabols_control.run_report.run import BenchRun, ModeInterval
 from cabols_control.supervision.modes import OperatingMode
 
 FREE_TENSION_MAX_N = 15.0
-"""A cable that follows the robot may pull so hard."""
+"""Largest tension of a cable that follows the robot [N]."""
 SWITCHING_S = 0.05
-"""The supervisor looks 50 times a second: a mode's first samples may still be the old mode's."""
+"""Start of a mode that is left out [s]: the supervisor reads 50 times a second, so that a mode's
+first samples may belong to the mode before."""
 
 
 def phases(run: BenchRun, mode: OperatingMode) -> tuple[ModeInterval, ...]:

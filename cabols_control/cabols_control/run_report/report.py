@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs nothing else, no network either."""
+"""The report: one HTML file without any other file, and without network access."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def write_report(
         run: from load_run.
         summary: from summarise.
         reproductions: from run_all; None leaves them out.
-        provenance: more to tell of where this came from, text by key.
+        provenance: further facts about its origin, text by key.
 
     Returns:
         The path.

@@ -1,4 +1,4 @@
-"""A recorded bench run as arrays over samples: what belongs together, joined by stamp."""
+"""A recorded run as arrays over samples, joined by stamp."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STATUS_FAULT = 2
 
 
 class RunError(CabolsError):
-    """A bag does not hold a bench run that can be judged."""
+    """A bag does not hold a run that can be judged."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ModeInterval:
 
 @dataclass(frozen=True)
 class NodeHealth:
-    """What one node's loop_status says of the time in LOADING.
+    """Summary of one node's loop_status during LOADING.
 
     Attributes:
         cycles: samples handled.
@@ -76,7 +76,7 @@ class NodeHealth:
 
 @dataclass(frozen=True, eq=False)
 class BenchRun:
-    """One run; k samples, n limbs. Rows that nobody answered are NaN (False in BoolArrays).
+    """One run; k samples, n limbs. Rows without an answer are NaN (False in BoolArrays).
 
     Wrenches act on the platform, at its origin, in base axes.
 
@@ -189,7 +189,7 @@ def _rows(samples_ns: IntArray, series: Series) -> IntArray:
 
 
 def _spread(rows: IntArray, values: FloatArray, samples: int) -> FloatArray:
-    """Put each message's value in its row; of several the first: a node's last word repeats one."""
+    """Put each message's value in its row; of several the first: a node's last is a repeat."""
     spread = np.full((samples, *values.shape[1:]), np.nan)
     used = np.flatnonzero(rows >= 0)[::-1]
     spread[rows[used]] = values[used]
@@ -304,9 +304,9 @@ def _health(bag: Bag, begin_ns: int, end_ns: int) -> dict[str, NodeHealth]:
 
 
 def _over(bag: Bag) -> int:
-    """When the run was over [ns]: nodes that end in their order then miss each other.
+    """Return the end of the run [ns]: after it, nodes that end one by one report each other.
 
-    That is at the last sample, if the rig was STOPPED; else a node's end is worth telling.
+    It is the last sample if the rig was STOPPED; in other modes a node's end is a finding.
     """
     changes = _mode_changes(bag)
     if not changes or changes[-1][1] != OperatingMode.STOPPED:

@@ -19,7 +19,7 @@ class ReportSection:
     Attributes:
         key: short name, stem of its files.
         title: what it is, with the source's number.
-        text: what was done and what came out, one paragraph.
+        text: method and result, one paragraph.
         numbers: results; every key ends in its unit.
         header: of the table.
         rows: of the table.

@@ -33,13 +33,13 @@ MODE_NAMES = {
     OperatingMode.FAULT: "FAULT",
 }
 NARROW, HAIR = 0.1, 0.015
-"""A band narrower than these shares of the picture has its name upright, or beside it."""
+"""Shares of the picture below which a band's name is upright, or beside it."""
 FREE_SCALE_N = 20.0
 LABEL, TICKS = 14, 12
 
 
 def has_session(run: BenchRun) -> bool:
-    """Whether there is more to draw than a load: the rig was free-moving."""
+    """Whether there is more to draw than a load, i.e. the rig was free-moving."""
     return bool(phases(run, OperatingMode.FREE_MOVING))
 
 
@@ -106,7 +106,7 @@ def draw_motion(joints: Axes, speed: Axes, motion: RecordedMotion, start: float)
 
 
 def free_limit(axes: Axes, run: BenchRun, start: float, colour: str) -> None:
-    """Draw 15 N where it holds: in free-moving."""
+    """Draw the limit of 15 N during free-moving, where it holds."""
     intervals = phases(run, OperatingMode.FREE_MOVING)
     for interval in intervals:
         axes.hlines(
@@ -129,7 +129,7 @@ def free_limit(axes: Axes, run: BenchRun, start: float, colour: str) -> None:
 
 
 def finish(panels: list[Axes], run: BenchRun, start: float) -> Any:
-    """Set what all panels share."""
+    """Set the properties of all panels."""
     for axes in panels:
         axes.yaxis.label.set_fontsize(LABEL)
         axes.tick_params(labelsize=TICKS)

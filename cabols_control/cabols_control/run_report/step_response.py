@@ -1,4 +1,4 @@
-"""How well a wrench follows its reference: rise time, steady error, cross-coupling of each step."""
+"""Response of a wrench to its reference: rise time, steady error, cross-coupling of each step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SETTLED_SHARE = 0.2
 MIN_HOLD_S = 0.8
 """A shorter hold cannot settle: the designed response needs 0.6 s to 99 %."""
 MIN_STEP_SHARE = 0.01
-"""Of the rated value: smaller changes are no step."""
+"""Share of the rated value below which a change is no step."""
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Modes of the rig, and what the supervisor watches."""
+"""Modes of the rig, and the checks of the supervisor."""

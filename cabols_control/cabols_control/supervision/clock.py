@@ -1,17 +1,17 @@
-"""Samples whose clock goes back, as of a bridge that was started again; pure."""
+"""Samples whose clock goes back, such as those of a bridge that was restarted; pure."""
 
 from __future__ import annotations
 
 from cabols_control.supervision.faults import Fault, FaultName
 
 CLOCK_BACK_S = 0.010
-"""A sample that is so much older than the one before comes from another clock."""
+"""A sample older than its predecessor by more than this comes from another clock [s]."""
 
 
 def clock_fault(topic: str, dt_s: float) -> Fault | None:
     """Return the fault of a sample whose clock cannot be followed; None if it can.
 
-    What was known before would seem fresh for as long as the jump.
+    Otherwise older data would seem fresh for as long as the jump.
 
     Args:
         topic: where the sample came from.

@@ -1,6 +1,6 @@
-"""The one table of faults: everything that a node can report as not well, by name.
+"""The only table of faults: everything that a node can report as wrong, by name.
 
-A name stands in LoopStatus.fault, Mode.fault and SetMode's answer; programs decide by it alone. The
+LoopStatus.fault, Mode.fault and SetMode's answer hold such a name; programs decide by it alone. The
 reason beside it is for people.
 """
 
@@ -11,7 +11,7 @@ from enum import Enum
 
 
 class FaultName(str, Enum):
-    """What is not well; the value is what stands in messages."""
+    """Name of a fault; its value stands in messages."""
 
     # Found by the bridge in what it samples; its reactions are in cabols_hw.safety.faults.
     TENSION = "tension"
@@ -38,7 +38,7 @@ class FaultName(str, Enum):
     """A message is not as expected: limbs, lengths, order, or an answer to no sample."""
     NOT_FINITE = "not_finite"
     NOT_ZEROED = "not_zeroed"
-    """A load is asked of limbs that are not pre-tightened."""
+    """A load is commanded to limbs that are not pre-tightened."""
     TENSION_AGE = "tension_age"
     """tension_command is stale, or has never come."""
     MODE_AGE = "mode_age"
@@ -57,7 +57,7 @@ class FaultName(str, Enum):
     # Found by the stiffness identification.
     IDENTIFICATION = "identification"
     OTHER = "other"
-    """A FAULT whose node tells no name of this table."""
+    """A FAULT whose node reports no name of this table."""
 
     def __str__(self) -> str:
         """Return the name alone, in every version of Python."""
@@ -98,7 +98,7 @@ def fault_name(text: str, in_fault: bool = False) -> FaultName | None:
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that is not well.
+    """A fault.
 
     Attributes:
         name: what, for programs.

@@ -48,7 +48,7 @@ MOVING = (
 """Modes in which currents may flow."""
 
 LOADED = (OperatingMode.LOADING, OperatingMode.UNLOADING)
-"""Modes in which the tensions are the wrench's, or on their way down from it."""
+"""Modes in which the tensions give the wrench, or are ramped down from it."""
 
 NEXT: dict[OperatingMode, tuple[OperatingMode, ...]] = {
     OperatingMode.STOPPED: (
@@ -76,7 +76,7 @@ NEXT: dict[OperatingMode, tuple[OperatingMode, ...]] = {
     OperatingMode.COMMISSIONING: (OperatingMode.STOPPED,),
     OperatingMode.FAULT: (),
 }
-"""Where a mode may go when asked: from LOADING through UNLOADING; FAULT is left by reset."""
+"""Modes that may be requested in each mode: LOADING is left through UNLOADING, FAULT by reset."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Verdict:
 
 
 class Entry(NamedTuple):
-    """How the present mode was entered: what message Mode tells.
+    """How the present mode was entered: the content of message Mode.
 
     Attributes:
         mode: present mode.
@@ -133,7 +133,7 @@ class Condition:
 
 
 STANDSTILL_M_PER_S = 0.005
-"""Slower than this the platform stands still: a pose's noise, not a motion."""
+"""Highest speed of a platform at rest, as the noise of its pose shows it [m/s]."""
 
 
 ZEROINGS = 2**32
@@ -145,9 +145,9 @@ class ModeMachine:
 
     Attributes:
         entry: present mode and how it was entered; replaced as a whole.
-        pending: where UNLOADING leads; None in other modes.
+        pending: the mode after UNLOADING; None in other modes.
         zeroing_seen: newest LimbState.zeroing; the next pre-tightening gets a number beyond it, so
-            that a supervisor that begins anew does not take an older one's zeros for its own.
+            that a restarted supervisor does not accept its predecessor's zeros.
     """
 
     def __init__(self) -> None:
@@ -194,7 +194,7 @@ class ModeMachine:
         return verdict
 
     def abandon(self, reason: str) -> None:
-        """Bring a rig that nobody watches to rest: through UNLOADING if it is loaded."""
+        """Bring an unattended rig to rest: through UNLOADING if it is loaded."""
         if self.mode in LOADED:
             self.pending = OperatingMode.STOPPED
             self._enter(OperatingMode.UNLOADING, Cause.UNATTENDED, reason)
@@ -202,7 +202,7 @@ class ModeMachine:
             self._enter(OperatingMode.STOPPED, Cause.UNATTENDED, reason)
 
     def unloaded(self) -> None:
-        """Go from UNLOADING to where it leads."""
+        """Go from UNLOADING to the pending mode."""
         if self.pending is None:
             return
         if self.entry.cause == Cause.UNATTENDED:
@@ -263,7 +263,7 @@ class ModeMachine:
             self._enter(OperatingMode.FAULT, Cause.FAULT, reason, fault.name)
 
     def emergency(self, reason: str) -> None:
-        """Latch FAULT; told also if another fault came before."""
+        """Latch FAULT; the new fault is reported also if another one came before."""
         if self.entry.cause == Cause.EMERGENCY_STOP:
             return
         if self.mode == OperatingMode.FAULT:

@@ -1,4 +1,4 @@
-"""What the supervisor does with what it hears: automatic sequence, time-outs, faults."""
+"""Reactions of the supervisor: automatic sequence, time-outs, faults; pure."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ class SupervisionConfig:
     """How the supervisor acts.
 
     Attributes:
-        auto_start: go to PRETIGHTENING and LOADING without being asked.
-        settle_s: states must have arrived so long before the automatic start, e.g. for the tare.
-        pretension_timeout_s: pre-tightening may take so long.
-        state_timeout_s: limb states may be silent so long.
+        auto_start: go to PRETIGHTENING and LOADING without a request.
+        settle_s: time of arriving states before the automatic start, e.g. for the tare.
+        pretension_timeout_s: longest pre-tightening.
+        state_timeout_s: longest silence of the limb states.
         controllers: nodes that must report before the cables may move.
         bridges: one of these must, too: it then gets motor currents; empty for none.
-        report_timeout_s: a report counts so long.
+        report_timeout_s: longest age of a report that counts.
         unloaded_tension: below it in all limbs, UNLOADING is over [N].
-        unload_timeout_s: it may take so long.
+        unload_timeout_s: longest UNLOADING.
     """
 
     auto_start: bool = False
@@ -55,7 +55,7 @@ class Supervision:
     """Pure core of the supervisor node. Times are stamps of limb states, or the same clock."""
 
     def __init__(self, config: SupervisionConfig) -> None:
-        """Start STOPPED, having heard nothing."""
+        """Start in STOPPED, without any message."""
         self._config = config
         self._machine = ModeMachine()
         self._zeroed: BoolArray | None = None
@@ -132,7 +132,7 @@ class Supervision:
         return zeroed if self._zeroing == self.entry.zeroing else np.zeros_like(zeroed)
 
     def _start_anew(self, stamp_s: float, fault: Fault) -> None:
-        """Forget times of a clock that has been set back; no motion goes on."""
+        """Drop the times of a clock that was set back; no motion continues."""
         self._reports.clear()
         self._first_s = self._entered_s = stamp_s
         self._platform = None
@@ -223,7 +223,7 @@ class Supervision:
             self._fault(FaultName.STATE_AGE, reason)
 
     def abandon(self, reason: str) -> None:
-        """Unload and stop, as nobody watches any more."""
+        """Unload and stop an unattended rig."""
         before = self.mode
         self._machine.abandon(reason)
         if self.mode != before:
@@ -233,7 +233,7 @@ class Supervision:
         """Answer a request for a mode."""
         before = self.mode
         if wanted in MOVING:
-            # A node with a complaint does not count as running: the complaint says more.
+            # A node with a fault does not count as running: its fault is the better answer.
             for node, complaint in self._complaints.items():
                 overload = complaint.name == OVERLOAD
                 if overload and wanted == OperatingMode.FREE_MOVING:
