@@ -135,7 +135,9 @@ def test_configurations_can_be_loaded_by_the_cables(rig, target, configurations)
 
 
 def test_unknown_configuration_is_refused(target, configurations):
-    with pytest.raises(CabolsError, match="index of 0 to"):
+    with pytest.raises(
+        CabolsError, match=f"expected one of the {len(configurations)} that are stored"
+    ):
         target.move_to(len(configurations))
 
 
