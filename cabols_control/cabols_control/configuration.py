@@ -206,8 +206,9 @@ def _of_pydantic(error: ValidationError) -> list[Finding]:
             "missing_argument": "expected this key, got none",
         }.get(item["type"])
         if text is None:
-            text = item["msg"].removeprefix("Value error, ")
-            text += "" if "got" in text else f" (got {came})"
+            # What our own checks raise says already what came.
+            own = item["type"] == "value_error"
+            text = str(item["ctx"]["error"]) if own else f"{item['msg']} (got {came})"
         found.append((item["loc"], text))
     return found
 

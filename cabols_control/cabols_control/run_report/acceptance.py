@@ -45,7 +45,10 @@ def checks(summary: Mapping[str, Any]) -> list[Check]:
     ended = s["loading_ended_by"]
     return [
         Check(
-            "loading ended by", ended.partition(" (")[0], "no FAULT", not ended.startswith("FAULT")
+            "loading ended by",
+            ended.partition(" (")[0],
+            "no FAULT",
+            not s["loading_ended_in_fault"],
         ),
         _check(
             "rise time 10-90 %, median of the steps",

@@ -20,6 +20,7 @@ from cabols_control.run_report.run import (
     load_run,
 )
 from cabols_control.run_report.step_response import Response, analyse_steps, rise_time
+from cabols_control.supervision.modes import OperatingMode
 
 __all__ = [
     "BenchRun",
@@ -92,6 +93,7 @@ def summarise(run: BenchRun, rig: Rig) -> dict[str, Any]:
         "samples": int(rows.size),
         "duration_s": float(run.time[rows[-1]] - run.time[rows[0]]),
         "loading_ended_by": _ended_by(run),
+        "loading_ended_in_fault": _in_fault(run),
         **_response_numbers(run, rig),
         "current_peak_a": _extreme(np.max, np.abs(run.current[run.loading])),
         "current_limit_a": rig.control.current_limit,
@@ -107,10 +109,18 @@ def summarise(run: BenchRun, rig: Rig) -> dict[str, Any]:
 
 def _ended_by(run: BenchRun) -> str:
     """Mode that followed the LOADING that was judged, with its reason; `end of bag` if none did."""
-    later = [m for m in run.modes if m.start > 0.0]
-    if not later:
-        return "end of bag"
-    return f"{later[0].mode.name} ({later[0].reason})"
+    ending = _ending(run)
+    return "end of bag" if ending is None else f"{ending.mode.name} ({ending.reason})"
+
+
+def _ending(run: BenchRun) -> ModeInterval | None:
+    """Mode that followed the LOADING that was judged; None if none did."""
+    return next((interval for interval in run.modes if interval.start > 0.0), None)
+
+
+def _in_fault(run: BenchRun) -> bool:
+    ending = _ending(run)
+    return ending is not None and ending.mode == OperatingMode.FAULT
 
 
 def _missing(value: Any) -> bool:

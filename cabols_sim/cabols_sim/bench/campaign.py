@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from cabols_control.bringup.graph import NodeSpec
+from cabols_control.bringup.log_line import read_line
 from cabols_control.bringup.processes import Ended, executable_path
 from cabols_control.command_line import (
     DONE,
@@ -105,8 +106,8 @@ def show(node: str, line: str) -> None:
     """Show the client's lines, and of the others what is not well."""
     if node == TOOL:
         print(line, flush=True)
-    elif any(word in line for word in ("error", "ERROR", "WARN", "Traceback", "Error")):
-        print(f"  {node}: {line.rpartition(']: ')[2]}", flush=True)
+    elif (read := read_line(line)).loud:
+        print(f"  {node}: {read.words}", flush=True)
 
 
 def analyse(folder: Path, quiet: bool = False) -> int:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.bringup.graph import NodeSpec
+from cabols_control.bringup.log_line import read_line
 from cabols_control.command_line import (
     DONE,
     FAILED,
@@ -111,8 +112,8 @@ def _show(node: str, line: str) -> None:
     """Show the tool's lines, and of the others what is not well."""
     if node == TOOL:
         print(line, flush=True)
-    elif any(word in line for word in ("error", "ERROR", "WARN", "Traceback")):
-        print(f"  {node}: {line.rpartition(']: ')[2]}", flush=True)
+    elif (read := read_line(line)).loud:
+        print(f"  {node}: {read.words}", flush=True)
 
 
 if __name__ == "__main__":

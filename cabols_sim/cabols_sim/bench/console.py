@@ -6,9 +6,13 @@ import argparse
 import sys
 from pathlib import Path
 
+from cabols_control.bringup.log_line import read_line
 from cabols_control.command_line import DONE, FAILED, CommandParser, command, fail, rig_option
 from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
+
+SHOWN = ("console", "supervisor", "recorder")
+"""Nodes whose every line is for the operator: address, modes, bags."""
 
 
 @command
@@ -78,10 +82,10 @@ def _arguments() -> argparse.Namespace:
 
 
 def _show(node: str, line: str) -> None:
-    """Show the console's address, the modes, and what is not well."""
-    words = ("console at", "mode ", "error", "ERROR", "WARN", "Traceback", "recording")
-    if any(word in line for word in words):
-        print(f"  {node}: {line.rpartition(']: ')[2]}", flush=True)
+    """Show what console, supervisor and recorder say, and what is not well elsewhere."""
+    read = read_line(line)
+    if node in SHOWN or read.loud:
+        print(f"  {node}: {read.words}", flush=True)
 
 
 if __name__ == "__main__":

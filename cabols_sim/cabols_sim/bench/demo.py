@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from cabols_control.bringup.log_line import read_line
 from cabols_control.bringup.processes import Ended
 from cabols_control.command_line import (
     DONE,
@@ -31,7 +32,8 @@ from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
 
-EVENTS = ("mode ", "programme", "error", "ERROR", "WARN", "Error", "lost")
+SHOWN = ("supervisor", "load_program")
+"""Nodes whose every line is an event: modes and programmes."""
 
 
 class Progress:
@@ -57,13 +59,16 @@ class Progress:
         self._thread.join()
 
     def line(self, node: str, text: str) -> None:
-        """Show a node's line if it is an event."""
-        if "programme done" in text:
-            self._loading = None
-        elif "programme" in text:
-            self._loading, self._starting = time.monotonic(), False
-        if any(word in text for word in EVENTS):
-            self.say(f"{node}: {text.rpartition(']: ')[2]}")
+        """Show a node's line if it is an event, or if something is not well."""
+        read = read_line(text)
+        if node == "load_program":
+            self._starting = False
+        if node in SHOWN or read.loud:
+            self.say(f"{node}: {read.words}")
+
+    def load(self, begins: bool) -> None:
+        """Count a programme's time from its beginning to its end."""
+        self._loading = time.monotonic() if begins else None
 
     def step(self, text: str) -> None:
         """Show what the operator does next."""
@@ -121,7 +126,7 @@ def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
                 arguments.program, program.duration, arguments.speed, arguments.rig
             )
             domain = int(environment["ROS_DOMAIN_ID"])
-            session = session_module.DemoSession(plan, domain, progress.step)
+            session = session_module.DemoSession(plan, domain, progress.step, progress.load)
             on_start = session.start
         try:
             ended = run_bench(values, progress.line, output / "log", environment, on_start)

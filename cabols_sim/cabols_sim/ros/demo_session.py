@@ -83,8 +83,22 @@ class DemoSession:
         error: why not; None if nothing went wrong, also after an interruption.
     """
 
-    def __init__(self, plan: DemoPlan, domain: int, say: Callable[[str], None]) -> None:
-        """Plan; `say` is called with one line for each step. Nothing runs yet."""
+    def __init__(
+        self,
+        plan: DemoPlan,
+        domain: int,
+        say: Callable[[str], None],
+        load: Callable[[bool], None] = lambda _: None,
+    ) -> None:
+        """Plan; nothing runs yet.
+
+        Args:
+            plan: what the operator does.
+            domain: DDS domain of the graph.
+            say: called with one line for each step.
+            load: called with True as a programme begins and with False as it has ended.
+        """
+        self._load = load
         self._plan = plan
         self._say = say
         self._domain = domain
@@ -173,7 +187,9 @@ class DemoSession:
         self._enter(OperatingMode.LOADING)
         self._pause(SETTLE_S)
         goal = RunProgram.Goal(program=self._plan.program, scale=1.0)
+        self._load(True)
         result = self._act(RunProgram, goal, self._plan.duration_s)
+        self._load(False)
         self._expect(result.success, f"programme {self._plan.program}: {result.message}")
         self._say("unloading")
         self._enter(OperatingMode.STOPPED)

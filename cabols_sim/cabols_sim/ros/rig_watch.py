@@ -132,9 +132,9 @@ class RigWatch:
     def _hear_status(self, message: LoopStatus) -> None:
         fault = message.state == LoopStatus.FAULT
         name = fault_name(message.fault, fault)
-        told = (fault, name)
-        new = told != self._heard.get(message.node)
-        self._heard[message.node] = told
+        now = (fault, name)
+        new = now != self._heard.get(message.node)
+        self._heard[message.node] = now
         if new and name is not None:
             # Nodes beside the path of samples stamp by clocks of their own.
             stamp_s = (

@@ -169,13 +169,11 @@ def read_result(path: str | Path) -> StiffnessResult:
     Raises:
         ConfigError: naming the file and what is wrong with it.
     """
+    content = read_yaml(path)
     try:
-        return from_mapping(read_yaml(path))
+        return from_mapping(content)
     except ConfigError as error:
-        message = str(error)
-        raise ConfigError(
-            message if message.startswith(str(path)) else f"{path}: {message}"
-        ) from error
+        raise ConfigError(f"{path}: {error}") from error
 
 
 def _plain(value: Any) -> Any:

@@ -1,0 +1,159 @@
+"""Text is for people: no code of the packages decides by a reason, a message or a line of a log.
+
+What a program needs is a number or a name in a field of its own: Mode.cause, LoopStatus.fault, the
+codes of services and actions. What may look into a text is listed here, each with its reason.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from prose import decisions_by_prose, script_decisions
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("cabols_control", "cabols_hw", "cabols_sim", "cabols_stiffness")
+GENERATED = ("tracker_pb2.py", "tracker_pb2_grpc.py")
+ALLOWED = {
+    # Formats of files and protocols: their texts are for programs.
+    "cabols_control/bags/metadata.py _represent": "YAML's style for a text of several lines",
+    "cabols_control/bags/reader.py _has_header": "fields of a message definition",
+    "cabols_control/bags/writer.py add_channel": "equal message definitions are written once",
+    "cabols_control/console/uploads.py check_upload": "lines of a CSV file are counted",
+    "cabols_hw/abb/rws.py _flag": "a RAPID variable's value, TRUE or FALSE",
+    "cabols_hw/force_torque/ati.py _unit": "a unit in ATI's calibration file",
+    "cabols_hw/force_torque/ati.py _torque_unit": "a unit in ATI's calibration file",
+    "cabols_hw/tracker/client.py aim": "an enumeration of the tracker's protocol",
+    "cabols_hw/tracker/client.py _why": "an enumeration of the tracker's protocol",
+    "cabols_sim/bench/campaign_kills.py finished": "whole lines of a CSV file",
+    "cabols_sim/devices/abb/rapid.py set": "a RAPID variable's value, TRUE or FALSE",
+    "cabols_stiffness/campaign/journal.py read_samples": "whole lines of a CSV file",
+    # Words of a command line.
+    "cabols_control/command_line.py _rig": "value of the option --rig",
+    "cabols_control/rig_folder.py find_rig": "name or folder of a rig",
+    # What another library tells by a text alone.
+    "cabols_hw/abb/rws.py _ask": "abb_robot_client raises a bare Exception for a wrong password",
+    # A text is shown again only if it has changed; what it says is not looked at.
+    "cabols_control/command_line.py fail": "an error is printed on one line",
+    "cabols_control/console/latest.py tell": "the same line within a second is shown once",
+    "cabols_control/nodes/commission.py run": "a refusal is shown once",
+    "cabols_control/console/static/panels.js": "an element is written only if its text changes",
+    "cabols_stiffness/nodes/run_campaign.py _show": "a note is shown once",
+    "cabols_stiffness/nodes/stiffness_campaign.py _judge": "a refusal is logged once",
+}
+"""Where a text may be looked into, as file and function, and why."""
+
+
+def sources(ending):
+    """(place in the list above, path) of every source file of the packages."""
+    for package in PACKAGES:
+        root = ROOT / package
+        for path in sorted((root / package).rglob(f"*{ending}")):
+            if path.name not in GENERATED:
+                yield path.relative_to(root).as_posix(), path
+
+
+def python_findings():
+    for place, path in sources(".py"):
+        for found in decisions_by_prose(path.read_text(encoding="utf-8")):
+            yield f"{place} {found.function}", f"{place}:{found.line}: {found.source}"
+
+
+def script_findings():
+    for place, path in sources(".js"):
+        for line, text in script_decisions(path.read_text(encoding="utf-8")):
+            yield place, f"{place}:{line}: {text}"
+
+
+def test_no_code_decides_by_prose():
+    found = [*python_findings(), *script_findings()]
+    bad = [told for place, told in found if place not in ALLOWED]
+    assert not bad, "decides by a text for people; give the fact a field:\n" + "\n".join(bad)
+
+
+def test_the_list_of_what_may_has_no_stale_entry():
+    places = {place for place, _ in (*python_findings(), *script_findings())}
+    assert sorted(ALLOWED.keys() - places) == []
+
+
+def test_the_scan_reads_every_package_and_the_pages_scripts():
+    places = [place for place, _ in (*sources(".py"), *sources(".js"))]
+    for package in PACKAGES:
+        assert sum(place.startswith(f"{package}/") for place in places) > 20
+    assert sum(place.endswith(".js") for place in places) >= 4
+
+
+PLANTED = [
+    'if message.reason.startswith("emergency stop"): cut()',
+    'if reason.endswith("stop"): cut()',
+    'if "stale" in status.reason: cut()',
+    'if "refuses" not in result.message: retry()',
+    'if mode_reason == "unloaded": go()',
+    'if "unloaded" != self.reason: go()',
+    'if reason in ("start", "reset"): go()',
+    'if (mode, reason) == (4, "emergency stop"): cut()',
+    'if re.match(r"sensor_.*", complaint): cut()',
+    "if PATTERN.search(line): cut()",
+    'name = reason.partition(":")[0]',
+    'at = float(answer.message.rpartition(" at ")[2])',
+    'code = message.text.split(":")[0]',
+    'if answer["reason"] == "done": go()',
+    'if answer.get("message") == "done": go()',
+    'if reason.lower().strip() == "done": go()',
+    'if "401" in str(error): go()',
+    'if any(word in line for word in ("error", "WARN")): show(line)',
+    'while (told := ask().message) != "done": wait()',
+    'def f(m):\n    heard = m.reason\n    return heard.startswith("unattended")',
+    'def f(m):\n    mode, heard = m.mode, m.reason\n    return heard == "start"',
+    'def f(m):\n    heard = (m.mode, str(m.reason))\n    return heard[1].startswith("unattended")',
+    'async def f(m):\n    return m.reason.find("fault") >= 0',
+    'match status.reason:\n    case "start": go()',
+]
+
+
+@pytest.mark.parametrize("source", PLANTED)
+def test_a_planted_decision_is_found(source):
+    assert decisions_by_prose(source)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "if message.cause == Cause.EMERGENCY_STOP: cut()",
+        'if status.fault in SENSOR_FAULTS: show("sensor")',
+        "if code in NOT_YET: retry()",
+        'raise ConfigError(f"{path}: {error}") from error',
+        "if reason: tell(reason)",
+        'if record["mode"] == FAULT: cut()',
+        'if message.node == "plant": watch()',
+    ],
+)
+def test_a_decision_by_facts_is_not(source):
+    assert not decisions_by_prose(source)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'if (state.mode.reason.startsWith("emergency")) cut();',
+        'if (row.why.includes("FAULT")) paint();',
+        'if (state.mode.reason === "start") hide();',
+        'if ("start" == reason) hide();',
+        "if (/fault/.test(message.text)) paint();",
+        "switch (state.reason) { }",
+        'const name = event.message.split(":")[0];',
+    ],
+)
+def test_a_planted_decision_in_a_script_is_found(source):
+    assert script_decisions(source)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'if (state.mode.name === "FAULT") paint();',
+        "put(byId('mode-reason'), state.mode.reason);",
+        'if (level === "fault") line.append(text);',
+    ],
+)
+def test_a_decision_by_facts_in_a_script_is_not(source):
+    assert not script_decisions(source)
