@@ -18,7 +18,7 @@ from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 
 @dataclass(frozen=True, config=STRICT)
 class RobotConfigurations:
-    """What the RAPID program on the controller knows, too.
+    """Stored configurations and tool; the RAPID program on the controller holds the same values.
 
     Attributes:
         tool_position: (3,) of the platform's origin, in the flange's axes [m].

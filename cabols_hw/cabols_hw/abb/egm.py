@@ -1,4 +1,4 @@
-"""Reader of the robot's position stream (EGM): newest packet only, all others counted.
+"""Reader of the robot's position stream (EGM): returns the newest packet, counts all.
 
 It never answers: an EgmSensor packet would be a correction to the robot's motion.
 """
@@ -18,27 +18,27 @@ from cabols_control.checks import FloatArray
 from cabols_hw.abb.errors import RobotError
 
 DRAIN_LIMIT = 1000
-"""Packets taken at most in one go: a flood must not hold the bridge for ever."""
+"""Most packets taken at once: a flood must not block the bridge."""
 
 RESTART_GAP = 250
-"""A number so far behind is no late packet but a controller that has begun anew: 1 s."""
+"""A number farther behind is no late packet but a restarted controller: 1 s of packets."""
 
 CLOCK_DRIFT = 2e-4
-"""The two clocks may drift apart by so much (s/s) before packets count as late."""
+"""Largest drift between the two clocks before packets count as late [s/s]."""
 
 
 @dataclass
 class PacketCounter:
-    """Counts what is wrong with a stream of numbered packets.
+    """Counts lost, late, repeated and reordered packets of a numbered stream.
 
     Attributes:
-        late_after_s: a packet is late if it took so much longer than the quickest one [s].
+        late_after_s: a packet is late if its way took longer than the quickest one's by this [s].
         received: packets.
         lost: numbers missing so far.
         late: packets over late_after_s.
-        duplicates: packets that came again.
+        duplicates: packets received twice.
         out_of_order: packets behind a newer one.
-        restarts: times the numbers began anew.
+        restarts: number of restarts of the numbering.
         newest: newest number; -1 before the first.
     """
 
@@ -73,7 +73,7 @@ class PacketCounter:
             self.duplicates += behind == 0
             self.out_of_order += behind > 0
             if behind > 0:
-                # It was counted as lost, unless it came before the first, or twice.
+                # It was counted as lost, unless it precedes the first packet or is a duplicate.
                 self.lost = max(self.lost - 1, 0)
             return False
         if self.newest >= 0:
@@ -83,7 +83,7 @@ class PacketCounter:
         return True
 
     def _judge_delay(self, offset: float, received_s: float) -> None:
-        # The clocks' difference is unknown: the quickest packet so far stands for no delay.
+        # The clocks' offset is unknown: the quickest packet so far counts as undelayed.
         self._offset += CLOCK_DRIFT * max(received_s - self._offset_s, 0.0)
         self._offset = min(self._offset, offset)
         self._offset_s = received_s
@@ -91,7 +91,7 @@ class PacketCounter:
 
 
 class StreamQuality:
-    """Says when too many packets get lost, or come too late, over some tens of them.
+    """Reports when too many of some tens of packets are lost or late.
 
     Attributes:
         trouble: what is wrong with the newest window; empty for nothing.
@@ -104,9 +104,9 @@ class StreamQuality:
 
         Args:
             counter: of the stream.
-            window: packets sent, whether they came or not, that are judged together.
+            window: number of packets sent, received or not, that are judged together.
             lost: share of them that may be lost.
-            late: share of those that came that may be late.
+            late: share of the received ones that may be late.
         """
         self._counter = counter
         self._window = window
@@ -115,7 +115,7 @@ class StreamQuality:
         self.trouble = ""
 
     def look(self) -> str:
-        """Judge the packets since the last judgement, if they are enough; return trouble."""
+        """Judge the packets since the last judgement, if there are enough; return trouble."""
         counter = self._counter
         now = (counter.received, counter.lost, counter.late)
         received, lost, late = (a - b for a, b in zip(now, self._before, strict=True))
@@ -136,7 +136,7 @@ class StreamQuality:
 
 @dataclass(frozen=True, eq=False)
 class EgmSample:
-    """What one packet says.
+    """Content of one packet.
 
     Attributes:
         sequence: the controller's number of it.
@@ -207,14 +207,14 @@ class EgmReader:
         late_after_s: float = 0.010,
         clock_rate: float = 1.0,
     ) -> None:
-        """Listen.
+        """Open the port.
 
         Args:
             port: UDP port, as set on the controller; 0: any.
             robot_address: IP address of the controller; packets from others are ignored; empty:
                 take any.
             late_after_s: see PacketCounter.
-            clock_rate: how fast the controller's clock runs in this computer's: 1, but for a
+            clock_rate: rate of the controller's clock in this computer's: 1, except for a
                 simulated one in slow motion.
 
         Raises:

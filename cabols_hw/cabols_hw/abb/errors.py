@@ -1,4 +1,4 @@
-"""What can go wrong with the robot's controller."""
+"""Errors of the robot's controller."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from cabols_control.errors import CabolsError
 
 
 class RobotError(CabolsError):
-    """The controller cannot do what was asked; the message says what to do."""
+    """The controller cannot carry out a request; the message says what to do."""
 
 
 class MoveAbortedError(RobotError):
-    """A motion was broken off, on purpose or after its time-out."""
+    """A motion was aborted, on purpose or after its time-out."""

@@ -2,8 +2,8 @@
 
 The program on the controller is rapid/cabols.mod. Its handshake: the rig writes cabols_target,
 cabols_done := FALSE and cabols_go := TRUE; the program takes cabols_go back, moves, and sets
-cabols_done, or cabols_error. Before it starts the program the rig sets cabols_error := -1, and
-waits until main has cleared it: only then are old demands forgotten and new ones heard.
+cabols_done, or cabols_error. Before it starts the program the rig sets cabols_error := -1 and
+waits until main has cleared it: only then has the program dropped old demands and accepts new ones.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def judge_motion(error: int, done: bool, running: bool) -> bool:
         running: whether RAPID runs.
 
     Raises:
-        RobotError: if it cannot be completed any more.
+        RobotError: if it can no longer be completed.
     """
     if error:
         raise RobotError(f"robot: {REASONS.get(error, f'RAPID program reports error {error}')}")
@@ -52,7 +52,7 @@ def judge_motion(error: int, done: bool, running: bool) -> bool:
 
 
 class _TimedAdapter(HTTPAdapter):
-    """Gives every request a time-out: abb_robot_client sets none, and would wait for ever."""
+    """Gives every request a time-out; abb_robot_client sets none and would wait without end."""
 
     def __init__(self, timeout_s: float) -> None:
         self._timeout_s = timeout_s
@@ -94,7 +94,7 @@ class RobotMover:
             ) from error
         except RobotError:
             raise
-        # abb_robot_client raises plain Exception for what has no JSON, e.g. a wrong password.
+        # abb_robot_client raises a plain Exception for a non-JSON answer, e.g. a wrong password.
         except Exception as error:
             text = str(error)
             if "401" in text:
@@ -146,7 +146,7 @@ class RobotMover:
         self._write("cabols_go", "TRUE")
 
     def _start_program(self) -> None:
-        """From main: going on would complete the motion that was aborted."""
+        """Start the program from main: continuing would complete the aborted motion."""
         self._write("cabols_error", str(STARTING))
         self._ask("program pointer to main", self._rws.resetpp)
         self._ask("starting RAPID", lambda: self._rws.start(cycle="forever"))
@@ -164,9 +164,9 @@ class RobotMover:
         """Whether the demanded motion is complete.
 
         Raises:
-            RobotError: if it cannot be completed any more.
+            RobotError: if it can no longer be completed.
         """
-        # Done before running: it may finish, and be stopped, between the two.
+        # Read done before running: the motion may end, and RAPID stop, between the two reads.
         done = self._flag("cabols_done")
         return judge_motion(int(self._number("cabols_error")), done, done or self.running())
 
@@ -174,7 +174,7 @@ class RobotMover:
         """Stop RAPID, and with it the robot; withdraw the demand.
 
         Raises:
-            RobotError: if the controller did not take it: use its emergency stop.
+            RobotError: if the controller did not accept it: use its emergency stop.
         """
         try:
             self._ask("stopping RAPID", self._rws.stop)
@@ -191,13 +191,13 @@ class RobotMover:
         interrupted: Callable[[], str],
         poll_s: float = 0.1,
     ) -> None:
-        """Move and wait until it stands; on any trouble stop the robot first.
+        """Move and wait for the end; after any failure stop the robot first.
 
         Args:
             index: of the stored configuration.
             timeout_s: for the whole motion.
             interrupted: called between polls; a reason, to abort for it, or an empty string.
-            poll_s: between looks at the done flag.
+            poll_s: period of reading the done flag.
 
         Raises:
             MoveAbortedError: after an interruption or the time-out; the robot has been stopped.
@@ -229,5 +229,5 @@ class RobotMover:
             raise RobotError(f"{error}; {second}") from error
 
     def close(self) -> None:
-        """Log out: controllers have few sessions to give."""
+        """Log out, as controllers have few sessions."""
         self._rws.close()

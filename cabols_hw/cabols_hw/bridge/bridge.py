@@ -1,4 +1,4 @@
-"""What the bridge does with each sample and each command; pure, without card, clock or ROS."""
+"""The bridge's processing of samples and commands; pure, without card, clock or ROS."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from cabols_hw.force_torque.ati import AXES
 from cabols_hw.force_torque.tool_weight import tool_weight_into
 
 SATURATED_VOLTS = 9.98
-"""A gauge beyond this stands at the converter's end: the wrench cannot be trusted."""
+"""Largest valid voltage of a gauge; beyond it the converter is saturated and the wrench invalid."""
 
 
 class Bridge:
-    """Samples to limb states and wrenches, currents to volts.
+    """Turns samples into limb states and wrenches, and currents into volts.
 
     Attributes:
         wound_length: (n,) [m] since start.
@@ -34,11 +34,10 @@ class Bridge:
         followed_mode: (1,) number of the mode in which the newest sample was taken.
         wrench: (6,) on the platform, at its origin, platform axes, without the weight of the tool
             in the platform's present orientation [N, N m].
-        load: (6,) all that pulls on the sensor, at its origin, sensor axes [N, N m].
+        load: (6,) whole load of the sensor, at its origin, sensor axes [N, N m].
         tared: whether the sensor's bias is known.
         saturated_gauge: whether the newest sample had a gauge at its end.
-        saturation: what of the newest sample is beyond the sensor's range: a gauge at its end, or
-            an axis of load; empty for nothing.
+        saturation: saturated gauge or axis of load of the newest sample, in words; empty for none.
         gauges: (6,) newest gauge voltages [V].
         rotation: (3, 3) platform to base, of the newest pose.
         structure: (6, n) structure matrix at the newest pose.
@@ -97,8 +96,8 @@ class Bridge:
             rotation: (3, 3) from platform to base axes.
         """
         points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
-        # Copies, because compiled code differs for arrays that come read-only. New arrays, because
-        # a sample that is being taken must have the old ones or the new ones, no mixture.
+        # Copies, because read-only arrays would need other compiled code. New arrays, because a
+        # sample in progress must use the old ones or the new ones, not a mixture.
         position, rotation = np.array(position), np.array(rotation, order="C")
         cable_lengths_into(*points, position, rotation, self._length)
         structure, weight = np.zeros_like(self.structure), np.zeros(6)
@@ -115,7 +114,7 @@ class Bridge:
 
     @property
     def saturation(self) -> str:
-        """What of the newest sample is beyond the sensor's range, in words; empty for nothing."""
+        """Saturated gauge or axis of load of the newest sample, in words; empty for none."""
         if self._gauge >= 0:
             return f"gauge {self._gauge} is saturated or not a number"
         if self._axis < 0:
@@ -143,13 +142,12 @@ class Bridge:
 
         In PRETIGHTENING the sample at which a limb's switch closes (from open) sets its zero: there
         the tension is the switch's 4.7 N, so that elongation counts from the unloaded spring.
-        Whenever the mode becomes PRETIGHTENING, or its number changes meanwhile, all zeros are
-        forgotten, to be set anew.
+        When the mode becomes PRETIGHTENING, or its number changes, all zeros are dropped.
 
         Args:
             sample: just read.
             mode: operating mode.
-            zeroing: number of the newest pre-tightening, as Mode tells it.
+            zeroing: number of the newest pre-tightening, from Mode.
         """
         card = self._card
         if mode != self._mode or zeroing != self._zeroing:
@@ -198,7 +196,7 @@ class Bridge:
         )
 
     def _follow(self, mode: OperatingMode, zeroing: int) -> None:
-        """Take another mode; a new pre-tightening forgets the zeros of the one before."""
+        """Follow another mode; a new pre-tightening drops the zeros of the one before."""
         if mode == OperatingMode.PRETIGHTENING:
             self._zero[:] = np.nan
             self.zeroed[:] = False
@@ -221,7 +219,7 @@ class Bridge:
         self.tared = self._bias_count >= self._card.tare_samples
 
     def bind(self, arrays: Mapping[str, Any]) -> None:
-        """Let results be written straight into other arrays, e.g. those of a message.
+        """Write results directly into other arrays, e.g. those of a message.
 
         Args:
             arrays: by attribute name, of the attribute's shape and type.
@@ -231,11 +229,11 @@ class Bridge:
             setattr(self, name, array)
 
     def volts(self, current: FloatArray) -> FloatArray:
-        """Amplifier inputs for (n,) currents [A], limited to what the rig's configuration allows.
+        """Return amplifier inputs [V] for (n,) currents [A], within the rig's limits.
 
-        A current grows no faster than the card's current_rate_limit from sample to sample, however
-        often this is called between two; it falls at once. NaN becomes zero. The same array at
-        every call.
+        From sample to sample a current grows no faster than the card's current_rate_limit, however
+        often this is called between two; it falls at once. NaN becomes zero. Every call returns
+        the same array.
         """
         volts_into(
             current,

@@ -31,7 +31,7 @@ def limbs_into(
 ) -> None:
     """Counters to wound length, elongation and tension estimate (3.9); all arrays (n,).
 
-    Counters have 24 bits: counts adds what they moved since previous_raw, which is updated. Where
+    Counters have 24 bits: counts grows by their change since previous_raw, which is updated. Where
     set_zero is True, a switch that closes sets its limb's zero.
     """
     for i in range(raw.shape[0]):
@@ -39,7 +39,7 @@ def limbs_into(
         counts[i] += moved
         previous_raw[i] = raw[i]
         wound[i] = counts[i] / counts_per_metre
-        # A cable is stretched by what is wound in and by what the platform moves away.
+        # Winding in and motion of the platform away stretch a cable.
         stretch = wound[i] + length[i]
         if set_zero and closed[i] and not was_closed[i] and not zeroed[i]:
             zero[i] = stretch - switch_elongation
@@ -99,7 +99,7 @@ def loaded_wrench_into(
         limits: (6,) range of the sensor, sensor frame.
         transform: (6, 6) from the sensor's to the platform's frame.
         weight: (6,) tool's weight now, platform frame.
-        load: (6,) filled with all that pulls on the sensor, sensor frame.
+        load: (6,) filled with the whole load of the sensor, sensor frame.
         wrench: (6,) filled with the wrench, platform frame.
 
     Returns:
@@ -149,7 +149,7 @@ def volts_into(
 
 @njit(cache=True)
 def quantise(value: float, step: float, limit: float) -> float:
-    """Nearest multiple of step, as a converter gives it; step 0 only limits.
+    """Round to a converter's nearest multiple of step; step 0 only limits.
 
     A converter's codes are two's complement: the highest stands for one step less than +limit.
 

@@ -1,4 +1,4 @@
-"""The bridge's own way down from a load, when no controller is to be obeyed any more; pure."""
+"""The bridge's own unloading, for when controllers must no longer be obeyed; pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cabols_control.rig import Rig
 
 LONGEST_STEP_S = 0.010
 NEARLY_N = 2.0
-"""So near to the holding tension a limb counts as unloaded."""
+"""Largest distance from the holding tension at which a limb counts as unloaded [N]."""
 
 
 class Unloading:
@@ -18,7 +18,7 @@ class Unloading:
 
     Attributes:
         current: (n,) newest output [A].
-        active: whether it is at work; false when all is down, or its time is over.
+        active: whether it is unloading; false when all limbs are unloaded, or after patience_s.
     """
 
     def __init__(self, rig: Rig, rate: float = 1000.0, patience_s: float = 1.0) -> None:
@@ -27,7 +27,7 @@ class Unloading:
         Args:
             rig: limbs and gains.
             rate: of the tensions [N/s].
-            patience_s: after so long the currents are cut, whatever the tensions [s].
+            patience_s: longest unloading; after it the currents are cut, whatever the tensions [s].
         """
         n = rig.geometry.cables
         self._law = LimbLaw(list(rig.gains.limbs), rig.control.current_limit)
@@ -65,7 +65,7 @@ class Unloading:
         if down.all() or now_s > self._end_s:
             return self.stop()
         self._setpoint = np.maximum(self._setpoint - self._rate * dt_s, self._hold)
-        # An untrusted limb has no current, so its law is fed nothing to do.
+        # An untrusted limb has no current: its law gets zero error.
         reference = np.where(trusted, self._law.tension_gain * (self._setpoint - tension), 0.0)
         position = np.where(trusted, elongation, 0.0)
         if not self._law.advance(reference, position, min(dt_s, LONGEST_STEP_S)):

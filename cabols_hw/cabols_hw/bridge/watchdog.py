@@ -13,7 +13,7 @@ from cabols_control.naming import limb_names
 def merge_into(
     limbs: IntArray, current: FloatArray, now_s: float, merged: FloatArray, newest: FloatArray
 ) -> bool:
-    """Put a command for some limbs into the currents of all, and note when it came.
+    """Merge a command for some limbs into the currents of all, and note its time.
 
     Args:
         limbs: (k,) indices.
@@ -49,7 +49,7 @@ class CommandWatchdog:
         self.fault = ""
 
     def feed(self, now_s: float, limbs: IntArray) -> None:
-        """Note a command for some limbs, come after the sample at now_s.
+        """Note a command for some limbs that arrived after the sample at now_s.
 
         Args:
             now_s: time of the newest sample [s].

@@ -1,4 +1,4 @@
-"""The data acquisition card as the bridge sees it; hardware and simulated back ends fit in here."""
+"""Interface of the data acquisition card, for hardware and simulated back ends."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class CardSample:
 class Daq(Protocol):
     """A card with n encoders, n analog outputs, 6 analog inputs, n digital inputs, a watchdog.
 
-    `read` is called by one thread and paces it; `write` may be called by another. The watchdog
-    watches from the first write on. tests/hw/test_daq_contract.py says what every back end does.
+    `read` is called by one thread and paces it; `write` may be called by another. The watchdog is
+    active from the first write on. tests/hw/test_daq_contract.py says what every back end does.
     """
 
     def start(self, watchdog_s: float) -> None:
-        """Begin sampling; the card zeroes its outputs when nothing is written for watchdog_s."""
+        """Start sampling; the card zeroes its outputs when nothing is written for watchdog_s."""
 
     def read(self) -> CardSample:
         """Wait for the next sample instant and return the inputs; if behind, the newest."""
@@ -41,12 +41,12 @@ class Daq(Protocol):
     def write(self, volts: FloatArray) -> None:
         """Set all outputs [V] and reload the watchdog.
 
-        What is not finite becomes zero. Ignored after an expiry until it is cleared, and for good
-        after close().
+        Values that are not finite become zero. Ignored after an expiry until it is cleared, and
+        always after close().
         """
 
     def enable(self, on: bool) -> None:
-        """Switch the amplifiers on or off; unless told otherwise they are on."""
+        """Switch the amplifiers on or off; they are on by default."""
 
     @property
     def watchdog_expired(self) -> bool:

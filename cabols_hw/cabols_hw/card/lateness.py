@@ -1,16 +1,16 @@
-"""How late the samples of a free-running hardware clock are read; pure."""
+"""Lateness of reading the samples of a free-running hardware clock; pure."""
 
 from __future__ import annotations
 
 DRIFT = 2e-4
-"""Bound of how fast two crystals drift apart; good ones stay below half of it."""
+"""Largest drift between two crystals [s/s]; good ones stay below half of it."""
 
 
 class Lateness:
     """Compares a count of samples with the computer's clock.
 
-    The card's crystal and the computer's drift apart, by whole periods in a minute. So lateness
-    counts from the promptest reading so far, which is let age by DRIFT of the time that passes.
+    The card's crystal and the computer's drift apart by whole periods in a minute. Lateness
+    therefore counts from the promptest reading so far, which ages by DRIFT of the elapsed time.
     """
 
     def __init__(self, period_ns: int) -> None:

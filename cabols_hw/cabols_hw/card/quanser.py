@@ -1,7 +1,7 @@
 """The Quanser Q8 card: Daq over `quanser.hardware.HIL`, Quanser's Python API.
 
 That API is not on any package index and loads the vendor's library when it is imported, so it is
-imported when a card is opened. What is called, and with which types, tests/hw/test_quanser.py pins.
+imported when a card is opened. tests/hw/test_quanser.py pins the calls and their types.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ENABLED, DISABLED = 0, 1
 
 
 class CardError(CabolsError):
-    """The card, or its driver, is not there or has failed."""
+    """The card, or its driver, is missing or has failed."""
 
 
 class CardOverflowError(CardError):
@@ -50,7 +50,7 @@ def open_q8(board: str, config: CardConfig) -> QuanserQ8:
     try:
         import quanser.hardware as api
     except (ImportError, OSError) as error:
-        # OSError: the module is there, the vendor's shared library is not.
+        # OSError: the module is installed, the vendor's shared library is not.
         raise CardError(
             "quanser.hardware: expected Quanser's Python API (part of the Quanser SDK, from its "
             f"vendor), got {error}; without a card run the simulated bench: "
@@ -131,7 +131,7 @@ class QuanserQ8:
         card, n = self._card, self._motors.size
         card.open("q8", self._board)
         if card.watchdog_is_expired():
-            # Left by a program that died: the card refuses everything else until it is cleared.
+            # A program that died left it expired: the card refuses other calls until it is cleared.
             card.watchdog_clear()
         if options:
             card.set_card_specific_options(options, self._api.MAX_STRING_LENGTH)
@@ -149,7 +149,7 @@ class QuanserQ8:
 
     @contextlib.contextmanager
     def _calls(self, doing: str) -> Iterator[None]:
-        """Turn the API's errors into CardError."""
+        """Convert the API's errors to CardError."""
         try:
             yield
         except self._api.HILError as error:
@@ -228,7 +228,7 @@ class QuanserQ8:
             if self._armed:
                 self._expired = self._expired or bool(self._card.watchdog_is_expired())
             elif not self._expired and not self._card.watchdog_reload():
-                # Nothing was on: no reason to trouble anyone.
+                # Nothing was on: no error to report.
                 self._restart_watchdog()
 
     def write(self, volts: FloatArray) -> None:
@@ -310,8 +310,8 @@ class QuanserQ8:
     def close(self) -> None:
         """Zero the outputs, disable the amplifiers, stop, release; never raises, may be repeated.
 
-        If a step fails the next ones are done all the same. After an expiry the watchdog is not
-        cleared: that would only give the outputs back.
+        If a step fails, the next ones are done nevertheless. After an expiry the watchdog is not
+        cleared, as that would only re-enable the outputs.
         """
         with self._lock:
             if self._closed:

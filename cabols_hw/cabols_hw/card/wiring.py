@@ -1,4 +1,4 @@
-"""Which terminal of the card each device of the rig is wired to."""
+"""Wiring: the card's terminal of each device. Hardware channels count from 0."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _first(count: int) -> list[int]:
 
 @dataclass(frozen=True, config=STRICT)
 class Wiring:
-    """Channels of the card.
+    """Channels of the card, from 0 as on its terminal board; the first limb is limb 1 to people.
 
     Attributes:
         gauges: analog inputs of the force/torque sensor's six gauges, in the calibration's order.

@@ -1,4 +1,4 @@
-"""The weight of what hangs on a force/torque sensor: removing it, and identifying it with the bias.
+"""Weight of the tool on a force/torque sensor: its removal, and its identification with the bias.
 
 With the platform turned by R (platform to base axes) the tool pulls on the sensor with the force
 R^T m g at its centre of mass, in platform axes; gravity g is along -z of the base.
@@ -22,18 +22,18 @@ UNKNOWNS = 10
 
 
 class OrientationsError(CabolsError):
-    """The orientations do not tell bias, mass and centre of mass apart."""
+    """The orientations do not determine bias, mass and centre of mass."""
 
 
 @dataclass(frozen=True, eq=False)
 class ToolTare:
-    """What gauge voltages at several orientations say.
+    """Bias and tool identified from gauge voltages at several orientations.
 
     Attributes:
         bias: (6,) voltage of each gauge without any load [V].
         mass: [kg].
         centre_of_mass: (3,) in the frame of the calibration matrix [m].
-        residual: root mean square of what is left [V].
+        residual: root mean square of the voltages that the fit does not explain [V].
     """
 
     bias: FloatArray
@@ -89,7 +89,7 @@ def tool_weight(mass: float, centre_of_mass: ArrayLike, rotation: ArrayLike) -> 
 def bias_at(
     matrix: ArrayLike, volts: ArrayLike, rotation: ArrayLike, mass: float, centre_of_mass: ArrayLike
 ) -> FloatArray:
-    """Bias of the gauges from one orientation, the tool being known and nothing else pulling.
+    """Compute the gauges' bias from one orientation of a known tool without other load.
 
     Args:
         matrix: (6, 6) wrench per volt [N/V, N m/V], platform axes at its origin.
@@ -110,10 +110,10 @@ def bias_at(
 
 
 def identify_tool(matrix: ArrayLike, volts: ArrayLike, rotations: ArrayLike) -> ToolTare:
-    """Bias, mass and centre of mass by least squares, nothing but the tool pulling.
+    """Compute bias, mass and centre of mass by least squares, without other load than the tool.
 
     Least squares are in volts, where every gauge has the same noise. Three orientations in which
-    gravity points three ways are the fewest; turning the platform about the vertical tells nothing.
+    gravity points three ways are the fewest; turning the platform about the vertical adds nothing.
 
     Args:
         matrix: (6, 6) wrench per volt [N/V, N m/V], platform axes at its origin.

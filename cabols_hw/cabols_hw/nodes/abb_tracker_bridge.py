@@ -38,18 +38,18 @@ PASSWORD_VARIABLE = "CABOLS_ROBOT_PASSWORD"
 FEEDBACK_S = 0.05
 END_S = 0.8
 AIM_SHARE = 0.1
-"""Of what a measurement says of the tracker's place that the next aim takes over."""
+"""Share of a measured offset of the tracker that the next aim takes over."""
 
 
 class AbbTrackerBridge(ControlNode):
-    """Publishes what the robot says, moves it, and lets the tracker measure.
+    """Publishes the robot's stream, moves the robot, and lets the tracker measure.
 
     platform_pose is EGM's Cartesian feedback of the RAPID program's tool, whose frame is the
     platform's; it comes from the encoders and does not contain the joints' deflection.
     """
 
     def __init__(self) -> None:
-        """Listen to the robot; advertise topics and actions.
+        """Open the robot's stream; advertise topics and actions.
 
         Raises:
             ConfigError, RobotError: if a file or the port cannot be used.
@@ -166,11 +166,11 @@ class AbbTrackerBridge(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the stream."""
+        """Return the error that ended the stream."""
         return self._stream.failure
 
     def _halt(self) -> None:
-        """Stop a motion that somebody else may have begun; one of our own ends by itself."""
+        """Stop a motion that another client may have begun; this node's own ends by itself."""
         if self._motion is not None:
             return
         mover = RobotMover(self._url, self._user, self._password)
@@ -309,9 +309,9 @@ class AbbTrackerBridge(ControlNode):
         return self._tracker_config.expected(reflector, *self._stream.platform())
 
     def _learn(self, reflector: int, position: np.ndarray) -> None:
-        """Aim better next time: the tracker stands some millimetres beside its nominal place.
+        """Correct the next aim: the tracker stands some millimetres beside its nominal place.
 
-        Slowly, as the robot under its loads gives way to all sides.
+        The correction is slow, as the loaded robot deflects in all directions.
         """
         offset = position - self._nominal(reflector)
         share = AIM_SHARE if self._aim_offset.any() else 1.0

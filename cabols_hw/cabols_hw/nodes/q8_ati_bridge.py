@@ -33,10 +33,10 @@ def open_card(node: BridgeNode, rig: Rig, card: CardConfig) -> Daq:
 
 
 def warm_up(rig: Rig, card: CardConfig) -> None:
-    """Compile, or load, what a sample needs: a running card waits for no compiler."""
+    """Compile or load a sample's kernels: a running card does not wait for a compiler."""
     n = rig.geometry.cables
     bridge = Bridge(rig, card)
-    # Arrays as they lie in the messages, for which there is a kernel of its own.
+    # Arrays as they lie in the messages, for which numba compiles another kernel.
     state = topics.limb_state_layout(rig.geometry).record()
     wrench = topics.wrench_layout(rig.geometry.platform_frame).record()
     names = ("wound_length", "elongation", "tension", "switch_closed", "zeroed")

@@ -29,7 +29,7 @@ from cabols_hw.safety.guard import BridgeGuard
 RING = 1024
 ANSWER_WAIT_NS = 20_000_000
 EXTRA_WAITS = 1
-"""Room in the wait set for what a derived bridge waits for besides the answers."""
+"""Room in the wait set for further inputs of a derived bridge."""
 LOCKSTEP_PATIENCE_S = 20.0
 
 DaqFactory = Callable[["BridgeNode", Rig, CardConfig], Daq]
@@ -100,7 +100,7 @@ class BridgeNode(ControlNode):
             self._threads.append(answer)
 
     def _warm_up(self, currents: Layout) -> None:
-        """Compile, or load, what a command needs, for arrays as they lie in a message."""
+        """Compile or load a command's kernels, for arrays as they lie in a message."""
         record = currents.read(currents.record().raw())
         geometry = self.rig.geometry
         guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
@@ -114,8 +114,7 @@ class BridgeNode(ControlNode):
     def safety_config(self) -> SafetyConfig:
         """Read the limits of the safety envelope.
 
-        A watchdog that is set to more than the file's also widens the ages that samples and poses
-        may have.
+        A watchdog longer than the file's also raises the largest ages of samples and poses.
         """
         path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: the rig's")
         config = load_safety(self.rig_folder, path)
@@ -133,20 +132,20 @@ class BridgeNode(ControlNode):
         return [self._pose_input]
 
     def on_inputs(self) -> None:
-        """Take what extra_inputs brought."""
+        """Take the messages of extra_inputs."""
         if self._pose_input.take():
             pose = read_pose(np.array(self._pose_input.record["pose"]))
             if pose is not None:
                 self.take_pose(*pose)
 
     def take_pose(self, position: FloatArray, rotation: FloatArray) -> None:
-        """Use a pose, (3,) [m] and (3, 3), if the safety envelope lets it pass."""
+        """Use a pose, (3,) [m] and (3, 3), if the safety envelope accepts it."""
         if self._guard.safety.hear_pose(self._newest_s, position, rotation):
             self.bridge.set_pose(position, rotation)
             self._posed = True
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
-        """Publish more with a sample; called just before it is published."""
+        """Publish further messages with a sample; called just before it is published."""
 
     def begin(self) -> None:
         """Start the card and the threads."""
@@ -163,7 +162,7 @@ class BridgeNode(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended a thread."""
+        """Return the error that ended a thread."""
         return self._failure
 
     def _run_thread(self, body: Callable[[], None]) -> None:
@@ -190,7 +189,7 @@ class BridgeNode(ControlNode):
             self._report(sample.time_ns)
 
     def _answer_body(self) -> None:
-        # Only the currents wake it; mode and pose are looked at then, or after the wait.
+        # Only the currents wake it; mode and pose are read then, or after the wait.
         wait_set = make_wait_set(self, 1)
         while self._running():
             wait(wait_set, self._answers[:1], ANSWER_WAIT_NS)
@@ -221,7 +220,7 @@ class BridgeNode(ControlNode):
                     f"lockstep: {topic_names} did not answer the state at {stamp_ns} ns within "
                     f"{LOCKSTEP_PATIENCE_S:g} s; is every node of the graph running?"
                 )
-            # The mode first, whichever comes first: it decides about the currents.
+            # Mode before currents, in whatever order they arrive: it decides about the currents.
             awaited = [item for item in missing if item is self._mode_input] or missing
             if wait_for(wait_set, awaited, ANSWER_WAIT_NS):
                 self._take_answers()
@@ -231,10 +230,10 @@ class BridgeNode(ControlNode):
         return [item for item in self._answers if item.stamp_ns < stamp_ns]
 
     def _handle(self, sample: CardSample) -> None:
-        """Judge one sample, turn it into messages and send them.
+        """Judge one sample, convert it to messages and send them.
 
-        What is to be done for safety comes first, and nothing after the sending, so that this
-        process is free when the answer comes.
+        Safety comes first, and nothing follows the sending, so that this process is free when the
+        answer arrives.
         """
         with self._lock:
             self.bridge.take(sample, self._mode, self._zeroing)
@@ -267,7 +266,7 @@ class BridgeNode(ControlNode):
         elif self._current_input.error:
             self._refuse(self._current_input.error)
         self._turns += 1
-        # Without currents a turn takes ANSWER_WAIT_NS: the mode is then heard in each.
+        # Without currents a turn takes ANSWER_WAIT_NS: each turn then reads the mode.
         if not self.lockstep and (not came or self._turns % SLOW_INPUT == 0):
             self._take_mode()
         self.on_inputs()
@@ -300,11 +299,11 @@ class BridgeNode(ControlNode):
         self._write()
 
     def _refuse(self, reason: str) -> None:
-        """Keep the currents that were commanded before; not a fault, but it is told."""
+        """Keep the previous currents; this is reported, but no fault."""
         self._refused = Fault(FaultName.MESSAGE, reason)
 
     def _write(self) -> None:
-        """Put on the amplifiers what the guard lets through."""
+        """Write the guard's currents to the amplifiers."""
         with self._lock:
             self.daq.write(self.bridge.volts(self._guard.output(self._mode)))
 
@@ -323,7 +322,7 @@ class BridgeNode(ControlNode):
         if not self._mode_input.take():
             return
         record = self._mode_input.record
-        # The number first: a sample in between must not take the new mode for the old zeros'.
+        # The number first: a sample in between must not use the new mode with the old zeros.
         self._zeroing = int(record["zeroing"])
         self._mode = OperatingMode(int(record["mode"]))
         if self._mode != OperatingMode.FAULT:
@@ -335,7 +334,7 @@ class BridgeNode(ControlNode):
     def _report(self, stamp_ns: int) -> None:
         fault = self._guard.fault
         self.status.late = self.daq.late
-        # Until then the supervisor lets nothing move: a load without a pose is a fault.
+        # Until then the supervisor allows no motion: a load without a pose is a fault.
         answered = RUNNING if self._answered and self._posed else WAITING
         if fault is not None:
             self.status.cycle(stamp_ns, FAULT, fault.told())

@@ -31,7 +31,7 @@ class JointStateBytes:
     """A serialised JointState whose time and positions are written in place."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        """Lay out for these joints; velocity and effort stay empty: EGM does not tell them."""
+        """Lay out for these joints; velocity and effort stay empty, as EGM does not send them."""
         marks = [1.0 + i for i in range(len(names))]
         message = JointState(name=list(names), position=marks)
         self._raw = bytearray(serialize_message(message))

@@ -14,15 +14,15 @@ from cabols_control.rig_folder import RigFolder, rig_file
 
 @dataclass(frozen=True, config=STRICT)
 class SafetyConfig:
-    """What the rig may do; beyond it the bridge unloads or cuts by itself.
+    """Limits of the rig; beyond them the bridge unloads or cuts by itself.
 
     Attributes:
         tension_max: of a limb's estimate [N].
-        current_saturated: a current may stand at its limit for so long [s].
+        current_saturated: longest time of a current at its limit [s].
         wrench_max: (6,) of the sensor, platform axes [N, N m].
-        estimate_force: sensor and tension estimates may differ so much [N].
+        estimate_force: largest difference between sensor and tension estimates [N].
         estimate_torque: likewise [N m].
-        estimate_time: and for so long [s].
+        estimate_time: longest time of a larger difference [s].
         position_range: (3,) of the platform about the reference position [m].
         rotation_range: angle from the reference orientation [rad].
         speed_loaded: of the platform under load [m/s].
@@ -31,16 +31,16 @@ class SafetyConfig:
         pose_jump: between two poses, beyond what speed_free allows [m].
         state_age: between two samples of the card [s].
         cable_tension: an estimate above it with an open switch is a broken cable or switch [N].
-        cable_time: for so long [s].
+        cable_time: longest time of such an estimate [s].
         switch_payout: a switch that is still closed after so much cable was paid out in
             PRETIGHTENING is stuck [m].
         pretension_force: growth of the sensor's force in PRETIGHTENING; more means that a switch
-            does not close, and its limb winds in on and on [N].
+            does not close and its limb keeps winding in [N].
         encoder_jump: change of a cable's speed between two samples [m/s].
         motion_current: part of the current that the motor's motion does not explain [A].
-        motion_time: for so long [s].
-        sensor_flat: a gauge may show the same number for so long [s]; 0: for ever.
-        relief_time: FREE_MOVING may take so long to take an overload off that it found [s].
+        motion_time: longest time of motion_current [s].
+        sensor_flat: longest time of a gauge at the same number [s]; 0: no limit.
+        relief_time: longest time for FREE_MOVING to remove an overload that it found [s].
     """
 
     wrench_max: list[float]

@@ -1,4 +1,4 @@
-"""The safety envelope: what the bridge holds the rig to, whatever the controllers say; pure."""
+"""The safety envelope: the bridge's limits, whatever the controllers command; pure."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from cabols_hw.safety.pose import PoseWatch
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
 LONGEST_STEP_S = 0.005
-"""After a longer gap speeds start anew; no rule counts more than this for one sample."""
+"""Longest gap between samples over which speeds continue; most time that one sample counts [s]."""
 
 
 class SafetyEnvelope:
-    """Holds every sample and every pose against the rig's limits.
+    """Compares every sample and every pose with the rig's limits.
 
     Attributes:
-        fault: first broken rule, kept until the mode is STOPPED; None while all is well.
+        fault: first broken rule, kept until the mode is STOPPED; None without one.
     """
 
     def __init__(self, rig: Rig, config: SafetyConfig, current_limit: float) -> None:
-        """Start with nothing known.
+        """Start without any sample.
 
         Args:
             rig: geometry and limbs.
@@ -72,11 +72,11 @@ class SafetyEnvelope:
         self.fault: BridgeFault | None = None
 
     def judge(self, now_s: float, bridge: Bridge, mode: OperatingMode) -> BridgeFault | None:
-        """Hold one sample, just taken by the bridge, against all rules.
+        """Compare one sample, just taken by the bridge, with all rules.
 
         Args:
             now_s: the sample's time on the card's clock [s].
-            bridge: holds what the sample says, and the currents that are on the amplifiers.
+            bridge: with the sample's values and the currents on the amplifiers.
             mode: operating mode. At rest nothing moves: only the sensor is judged then.
 
         Returns:
@@ -107,7 +107,7 @@ class SafetyEnvelope:
         )
 
     def trip(self, fault: BridgeFault) -> None:
-        """Take a fault that was found elsewhere; the first one stays."""
+        """Accept a fault that was found elsewhere; the first one stays."""
         self.fault = self.fault or fault
 
     def _find(
@@ -143,20 +143,20 @@ class SafetyEnvelope:
         return found
 
     def _note_overload(self, sensor: BridgeFault | None, bridge: Bridge) -> None:
-        """At rest: whether a load that the gears hold is beyond the sensor's limits."""
+        """Whether, at rest, a load that the gears hold is beyond the sensor's limits."""
         beyond = bridge.tared and bool((np.abs(bridge.wrench) > self._wrench_max).any())
         overloaded = beyond or (sensor is not None and sensor.name == OVERLOAD)
         self._relief_left_s = self._config.relief_time if overloaded else 0.0
 
     def _relieves(self, mode: OperatingMode) -> bool:
-        """Whether FREE_MOVING is taking off an overload that it found: the way out of one.
+        """Whether FREE_MOVING is removing an overload that it found, the only way out of one.
 
         It lowers the tensions by encoders and switches, and their limits hold all the time.
         """
         return mode == OperatingMode.FREE_MOVING and self._relief_left_s > 0.0
 
     def _note_pretightening(self, bridge: Bridge, mode: OperatingMode) -> None:
-        """Remember where the limbs were when PRETIGHTENING began."""
+        """Store the limbs' positions at the start of PRETIGHTENING."""
         pretightening = mode == OperatingMode.PRETIGHTENING
         if pretightening != self._pretightening:
             self._began[:] = bridge.wound_length if pretightening else np.nan
@@ -215,7 +215,7 @@ class SafetyEnvelope:
         )
 
     def _cable_or_switch(self, i: int, bridge: Bridge) -> BridgeFault:
-        """Tell a broken cable from a switch stuck open: the sensor misses a cable, not a switch."""
+        """Distinguish a broken cable, whose force is missing, from a switch that is stuck open."""
         tension = float(bridge.tension[i])
         column = bridge.structure[:3, i]
         measured = bridge.rotation @ bridge.wrench[:3]
@@ -241,7 +241,7 @@ class SafetyEnvelope:
             self._since_flat,
         )
         if rule == rules.FINE:
-            # An axis can be beyond the sensor's range while every gauge still tells the truth.
+            # An axis can be beyond the sensor's range while every gauge is still valid.
             said = bridge.saturation
             return (
                 BridgeFault(FaultName.SENSOR_SATURATED, f"force/torque sensor: {said}")
@@ -296,17 +296,17 @@ class SafetyEnvelope:
         return None
 
     def _judge_pretension(self, bridge: Bridge) -> BridgeFault | None:
-        """Find a limb that winds in on and on because its switch does not close.
+        """Find a limb that keeps winding in because its switch does not close.
 
-        A load that was cut, and held by the gears since, is there from the beginning: only what
-        has come on top of the lowest force since then counts.
+        A load that the gears hold since a cut is present from the start: only the growth over the
+        lowest force since then counts.
         """
         force = bridge.rotation @ bridge.wrench[:3]
         size = float(np.linalg.norm(force))
         self._lowest_force = min(self._lowest_force, size)
         if size - self._lowest_force <= self._config.pretension_force or bridge.zeroed.all():
             return None
-        # Of the limbs that still look for their switch the one that pulls this way.
+        # Of the limbs whose switch is still open, the one that pulls in this direction.
         along = np.where(bridge.zeroed, -np.inf, bridge.structure[:3].T @ force)
         i = int(np.argmax(along))
         return BridgeFault(
@@ -320,7 +320,7 @@ class SafetyEnvelope:
         """Take a platform pose, to be judged with the next sample; see PoseWatch.hear.
 
         Args:
-            now_s: when it came, on the card's clock [s].
+            now_s: when it arrived, on the card's clock [s].
             position: (3,) of the platform's origin, base frame [m].
             rotation: (3, 3) from platform to base axes.
         """

@@ -1,4 +1,4 @@
-"""The faults that the bridge finds in what it samples, and what it does about each."""
+"""Faults that the bridge finds in its samples, and its reaction to each."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ AXES = ("x", "y", "z")
 
 
 class Reaction(IntEnum):
-    """What the bridge does about a fault; the larger, the harder."""
+    """The bridge's reaction to a fault; a larger number is a harder one."""
 
     NONE = 0
     UNLOAD = 1
-    """Ramp all trusted limbs down by itself, then zero current."""
+    """The bridge ramps all trusted limbs down by itself, then zero current."""
     CUT = 2
     """Zero current at once; the gears hold what tension there is."""
 
@@ -24,7 +24,7 @@ class BridgeFault(Fault):
 
     @property
     def reaction(self) -> Reaction:
-        """What is done about it."""
+        """Reaction to the fault."""
         return FAULTS[self.name]
 
     def told(self) -> Fault:
@@ -63,6 +63,6 @@ FAULTS: dict[FaultName, Reaction] = {
 }
 """Every fault that the bridge finds, and its reaction.
 
-Unloading moves the motors by the tension estimates: it is chosen where encoders and motors can be
-trusted, and cutting where they cannot, or where nobody knows what has happened in the meantime.
+Unloading moves the motors by the tension estimates. It is chosen where encoders and motors can be
+trusted; cutting is chosen where they cannot, or where the meantime is unknown.
 """

@@ -1,4 +1,4 @@
-"""Between controllers and amplifiers: watchdog, safety envelope, reactions; pure."""
+"""The guard between controllers and amplifiers: watchdog, safety envelope, reactions; pure."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from cabols_hw.safety.faults import BridgeFault, Reaction
 
 
 class BridgeGuard:
-    """Decides what is on the amplifiers, whatever the controllers say.
+    """Decides about the amplifiers' currents, whatever the controllers command.
 
     Attributes:
         safety: the envelope; its `fault` is the one in force.
-        unloading: the bridge's own way down.
+        unloading: the bridge's own unloading.
     """
 
     def __init__(self, rig: Rig, config: SafetyConfig, watchdog_s: float) -> None:
@@ -43,7 +43,7 @@ class BridgeGuard:
     def enabled(self) -> bool:
         """Whether the amplifiers may be on.
 
-        They go off with a cut: a zero command does not stop an amplifier that has an offset.
+        A cut switches them off: a zero command does not stop an amplifier with an offset.
         """
         fault = self.fault
         return not self._emergency and (fault is None or fault.reaction != Reaction.CUT)
@@ -54,7 +54,7 @@ class BridgeGuard:
         return self.safety.fault
 
     def command(self, limbs: IntArray, current: FloatArray, now_s: float) -> bool:
-        """Take (k,) currents [A] for (k,) limbs, come after the sample at now_s.
+        """Take (k,) currents [A] for (k,) limbs that arrived after the sample at now_s.
 
         Returns:
             False if a limb does not exist or a current is not finite: nothing is changed then.
@@ -94,7 +94,7 @@ class BridgeGuard:
         return self._commanded
 
     def emergency_stop(self) -> None:
-        """Cut, also what an ordinary fault may bring to its end; holds until STOPPED."""
+        """Cut, also an unloading of another fault; holds until STOPPED."""
         self._emergency = True
         self.unloading.stop()
 

@@ -12,11 +12,11 @@ from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import AXES, BridgeFault
 
 SPEED_WINDOW_S = 0.02
-"""A platform speed is the mean over at least so long: poses come every 4 ms, and not evenly."""
+"""Shortest time over which a speed is averaged [s]: poses come every 4 ms, unevenly."""
 
 
 class PoseWatch:
-    """Holds every pose of the platform against the limits; times are the card's clock."""
+    """Compares every pose of the platform with the limits; times are of the card's clock."""
 
     def __init__(self, rig: Rig, config: SafetyConfig) -> None:
         """Start without a pose.
@@ -36,7 +36,7 @@ class PoseWatch:
         self._fault: BridgeFault | None = None
 
     def hear(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
-        """Take a platform pose that came after the sample at now_s; judged with the next sample.
+        """Take a platform pose that arrived after the sample at now_s; judged with the next sample.
 
         Args:
             now_s: on the card's clock, whatever clock the robot has [s].
@@ -56,11 +56,11 @@ class PoseWatch:
         return True
 
     def rest(self) -> None:
-        """Let the next pose be anywhere: at rest a robot may be set up anew, and nothing moves."""
+        """Accept any next pose: at rest a robot may be set up anew, and nothing moves."""
         self._place = None
 
     def judge(self, now_s: float, mode: OperatingMode) -> BridgeFault | None:
-        """Hold the newest pose, its age and the platform's speed against the limits of a mode."""
+        """Compare the newest pose, its age and the platform's speed with the limits of a mode."""
         if mode == OperatingMode.COMMISSIONING:
             return None
         age = now_s - self._newest_s

@@ -1,7 +1,7 @@
-"""The rules of the safety envelope that every sample is held against; compiled.
+"""Compiled rules of the safety envelope, applied to every sample.
 
 A rule that needs time counts how long it has been broken, in the rows of `since` (3, n), see
-SINCE_*. The first broken rule is told.
+SINCE_*. The first broken rule is returned.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ SENSOR_INVALID, SENSOR_SATURATED, SENSOR_FLAT, WRENCH, ESTIMATE = range(7, 12)
 SINCE_CABLE, SINCE_CURRENT, SINCE_MOTION = range(3)
 SINCE_ROWS = 3
 OBSERVER_RATE = 100.0
-"""1/s, of the observer that tells current from motion: 10 ms."""
+"""Bandwidth of the observer that separates current from motion [1/s]: 10 ms."""
 
 
 @njit(cache=True)
 def forget_motion(
     wound: FloatArray, last_wound: FloatArray, last_speed: FloatArray, observed: FloatArray
 ) -> None:
-    """Start the speeds anew, at rest, e.g. after a gap in the samples; all (n,)."""
+    """Reset the speeds to rest, e.g. after a gap in the samples; all (n,)."""
     last_wound[:] = wound
     last_speed[:] = np.nan
     observed[:] = 0.0
@@ -46,10 +46,10 @@ def judge_limbs(
     observed: FloatArray,
     since: FloatArray,
 ) -> tuple[int, int]:
-    """Hold all limbs against their rules.
+    """Apply the limbs' rules.
 
-    The motor is (3.11): T dv/dt + v = k i. An observer follows the measured speed; what it has to
-    add to k i is the current that friction, load or something broken takes away.
+    The motor is (3.11): T dv/dt + v = k i. An observer follows the measured speed; its correction
+    of k i is the current that friction, load or a defect takes away.
 
     Args:
         dt_s: since the sample before [s].
@@ -115,7 +115,7 @@ def judge_sensor(
     flat_time: float,
     since_flat: FloatArray,
 ) -> tuple[int, int]:
-    """Hold the (6,) gauge voltages against their rules; since_flat (6,) [s] is updated.
+    """Apply the rules of the (6,) gauge voltages; since_flat (6,) [s] is updated.
 
     Returns:
         The broken rule, or FINE, and the gauge.
@@ -147,7 +147,7 @@ def judge_wrench(
     limits: FloatArray,
     since: FloatArray,
 ) -> tuple[int, int]:
-    """Hold the measured wrench (6,), platform axes, against its limits and the tensions.
+    """Compare the measured wrench (6,), platform axes, with its limits and the tensions.
 
     Args:
         dt_s: since the sample before [s].

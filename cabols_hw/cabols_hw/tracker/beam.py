@@ -1,4 +1,4 @@
-"""How well a laser tracker measures: well along the beam, less well across it."""
+"""Noise of a laser tracker: small along the beam, larger across it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def beam_axes(position: ArrayLike) -> FloatArray:
     if not distance > 1e-6:
         raise OutOfRangeError("distance of the position from the tracker", distance, 1e-6, np.inf)
     along = point / distance
-    # Across: start from the axis that is farthest from the beam, so that nothing cancels.
+    # Across: start from the axis farthest from the beam, to avoid cancellation.
     helper = np.zeros(3)
     helper[int(np.abs(along).argmin())] = 1.0
     across = np.cross(along, helper)
@@ -71,7 +71,7 @@ def beam_axes(position: ArrayLike) -> FloatArray:
 
 
 def predicted_covariance(position: ArrayLike, noise: BeamNoise, factor: float = 1.0) -> FloatArray:
-    """Covariance of a measured point, from where it is.
+    """Return the covariance of a measured point from its position.
 
     Args:
         position: (3,) in the tracker's frame [m].

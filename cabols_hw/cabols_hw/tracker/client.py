@@ -20,8 +20,8 @@ from cabols_hw.tracker.tracker_pb2_grpc import LaserTrackerStub
 
 Expected = Callable[[int], ArrayLike]
 
-# A proxy in the environment is never meant for an instrument on the local network; and a tracker
-# that was switched on again is to be found again within a second, not within gRPC's two minutes.
+# A proxy in the environment is never meant for an instrument on the local network. A tracker that
+# was switched on again must be found within a second, not within gRPC's two minutes.
 _OPTIONS = (
     ("grpc.enable_http_proxy", 0),
     ("grpc.initial_reconnect_backoff_ms", 100),
@@ -31,7 +31,7 @@ _MAX_TIMEOUT_S = 3600.0
 
 
 class TrackerError(CabolsError):
-    """The tracker's server cannot be reached, does not answer in time or does not understand.
+    """The tracker's server cannot be reached, does not answer in time or rejects the request.
 
     Attributes:
         code: gRPC's status code, such as UNAVAILABLE or DEADLINE_EXCEEDED.
@@ -45,8 +45,8 @@ class TrackerError(CabolsError):
 class TrackerClient:
     """Aims a laser tracker at reflectors and measures them, one at a time.
 
-    What happens to the beam is in the answers; an exception means that the tracker's server
-    itself failed. Calls may come from any thread; the tracker refuses a second one meanwhile.
+    The answers report the beam's state; an exception means that the tracker's server itself
+    failed. Calls may come from any thread; the tracker refuses a second one meanwhile.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class TrackerClient:
         config: TrackerConfig | None = None,
         expected: Expected | None = None,
     ) -> None:
-        """Connect with the first call, not yet.
+        """Prepare; the first call connects.
 
         Args:
             address: host:port; None for the configuration's.
@@ -80,7 +80,7 @@ class TrackerClient:
         self.close()
 
     def status(self) -> Any:
-        """What the tracker is doing: a Status of tracker.proto.
+        """Return the tracker's Status of tracker.proto.
 
         Raises:
             TrackerError: if the tracker's server does not answer.
@@ -94,7 +94,7 @@ class TrackerClient:
 
         Args:
             reflector: index, from 0.
-            search: look around if it is not where it should be.
+            search: search around the expected position if the reflector is not there.
             expected: (3,) where it should be, tracker's frame [m]; None: ask the callable.
 
         Returns:
@@ -120,7 +120,7 @@ class TrackerClient:
             )
         if not reply.success:
             return failed(_why(reply))
-        # The single sample is known as well as the noise model says.
+        # A single sample has the covariance of the noise model.
         return self._reading(_vector(reply.position_m), None, point, 1, 0.0, reply)
 
     def measure(
@@ -135,7 +135,7 @@ class TrackerClient:
         Args:
             reflector: index, from 0.
             averaging_s: averaging time [s]; None or 0: the configuration's.
-            search: look around if it is not where it should be.
+            search: search around the expected position if the reflector is not there.
             expected: (3,) where it should be, tracker's frame [m]; None: ask the callable.
 
         Returns:
@@ -222,7 +222,7 @@ class TrackerClient:
             code = error.code().name
             raise TrackerError(self._explain(name, timeout_s, code, error), code) from error
         except ValueError as error:
-            # gRPC says it so if the channel was closed.
+            # gRPC raises this if the channel was closed.
             raise TrackerError(f"laser tracker: {error}; make a new client", "CLOSED") from error
 
     def _explain(self, name: str, timeout_s: float, code: str, error: Any) -> str:

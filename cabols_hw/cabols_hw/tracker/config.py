@@ -1,4 +1,4 @@
-"""What the laser tracker's client has to know: where it stands, what it looks at, how long."""
+"""Configuration of the laser tracker's client: its place, the reflectors, time limits."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cabols_hw.tracker.beam import BeamNoise
 
 @dataclass(frozen=True, config=STRICT)
 class TrackerConfig:
-    """The laser tracker as the rig uses it. Nominal values: registration finds better ones.
+    """The rig's laser tracker. Its nominal values are improved by registration.
 
     Attributes:
         address: host:port of the tracker's server.
@@ -31,12 +31,12 @@ class TrackerConfig:
         reflectors: a row [x, y, z] for each reflector, in platform axes [m]; three or more.
         base_position: [x, y, z] of the tracker in the rig's base frame [m].
         base_rotation_xyz_deg: from tracker to base axes, intrinsic x-y-z Euler angles.
-        averaging_time: of a measurement, if none is asked for [s].
+        averaging_time: of a measurement, unless the request gives another [s].
         rate: of the single samples [Hz]; 0 for the tracker's own.
         search_radius: around the expected position [m]; a reflector found farther away from it is
             refused as another one, so it is less than half the distance between two reflectors.
         noise: for the covariance, where the tracker's server reports none.
-        averaging_floor: part of the noise's standard deviation that no averaging removes.
+        averaging_floor: share of the noise's standard deviation that averaging does not remove.
         call_timeout: limit of a call that does not move the beam [s].
         aim_timeout: limit of pointing the beam [s].
         search_timeout: limit of a search [s].
@@ -93,7 +93,7 @@ class TrackerConfig:
         return np.asarray(Rotation.from_euler("XYZ", angles, degrees=True).as_matrix())
 
     def expected(self, reflector: int, position: ArrayLike, rotation: ArrayLike) -> FloatArray:
-        """Where a reflector should be, with the nominal frame and offsets.
+        """Return a reflector's expected position, by the nominal frame and offsets.
 
         Args:
             reflector: index, from 0.

@@ -1,4 +1,4 @@
-"""What a measurement gave, checked."""
+"""A measurement of the tracker, checked."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def failed(reason: str) -> TrackerReading:
 def fault_of(
     position: FloatArray, covariance: FloatArray, expected: FloatArray, radius: float
 ) -> str:
-    """Why an answer cannot be used, or an empty string.
+    """Return why an answer cannot be used; empty if it can.
 
     Args:
         position: (3,) [m].
         covariance: (3, 3) [m^2].
         expected: (3,) where the reflector should be [m].
-        radius: how far it may be away from there [m].
+        radius: largest distance from there [m].
     """
     away = float(np.linalg.norm(position - expected))
     if not away <= radius:
