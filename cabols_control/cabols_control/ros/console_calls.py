@@ -25,6 +25,16 @@ from cabols_control.console.latest import NOTICE, WARNING, LatestValues
 from cabols_control.ros.executor_thread import hand_over
 
 ANSWER_S = 5.0
+"""Longest wait for an answer [s]."""
+MATCH_S = 3.0
+"""Longest wait for a service that is not matched: its node, or this one, may just have started."""
+LOOK_AGAIN_S = 0.02
+"""Between looks whether a service is matched [s]."""
+REPEAT_S = 0.5
+"""A repeated request is sent again when there was no answer for this long [s]."""
+REPEATED = ("emergency_stop", "check_program")
+"""Services that may be asked twice: what is done already changes nothing, and a request that went
+to a server which has just died must not be the last one."""
 SERVICES: dict[str, tuple[Any, str]] = {
     "set_mode": (SetMode, "set_mode"),
     "emergency_stop": (Trigger, "emergency_stop"),
@@ -71,20 +81,56 @@ class Calls:
     async def call(self, service: str, fields: dict[str, Any]) -> Answer:
         """Call a service; the answer says so if it does not reply in time."""
         client, (kind, name) = self._services[service], SERVICES[service]
-        if not client.service_is_ready():
+        if not await self._matched(client.service_is_ready):
             return Answer(False, f"no service {name}: its node is not running")
-        future = client.call_async(kind.Request(**fields))
         try:
-            response = await self._arrive(future)
+            response = await self._ask(client, kind.Request(**fields), service in REPEATED)
         except asyncio.TimeoutError:
-            client.remove_pending_request(future)
             return Answer(False, f"{name}: no answer within {ANSWER_S:g} s")
         return Answer(bool(response.success), str(response.message) or "done", response)
+
+    async def _matched(self, ready: Callable[[], bool]) -> bool:
+        """Wait until a service or an action's server is matched; whether it is."""
+        clock = asyncio.get_running_loop().time
+        give_up = clock() + MATCH_S
+        while not ready():
+            if clock() >= give_up:
+                return False
+            await asyncio.sleep(LOOK_AGAIN_S)
+        return True
+
+    async def _ask(self, client: Any, request: Any, repeated: bool) -> Any:
+        """Send a request, again and again if it may be repeated; the first answer counts.
+
+        Raises:
+            asyncio.TimeoutError: after ANSWER_S.
+        """
+        loop = asyncio.get_running_loop()
+        arrived, sent = asyncio.Event(), []
+        give_up = loop.time() + ANSWER_S
+        try:
+            while True:
+                sent.append(client.call_async(request))
+                sent[-1].add_done_callback(lambda _: loop.call_soon_threadsafe(arrived.set))
+                left = give_up - loop.time()
+                try:
+                    await asyncio.wait_for(
+                        arrived.wait(), min(REPEAT_S, left) if repeated else left
+                    )
+                except asyncio.TimeoutError:
+                    if not repeated or loop.time() >= give_up:
+                        raise
+                else:
+                    return next(future for future in sent if future.done()).result()
+        finally:
+            for future in sent:
+                if not future.done():
+                    client.remove_pending_request(future)
 
     async def start(self, action: str, fields: dict[str, Any]) -> Answer:
         """Send a goal; its end shows in the activities."""
         client, kind = self._actions[action], ACTIONS[action]
-        if not client.server_is_ready():
+        if not await self._matched(client.server_is_ready):
             return Answer(False, f"no action {action}: its node is not running")
         if self._activities.get(action, {}).get("busy"):
             return Answer(False, f"{action} is under way")
