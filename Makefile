@@ -40,8 +40,14 @@ console: setup  ## serve the operator's page for the simulated rig at http://loc
 browser:  ## find or install the Chromium that the console's tests drive
 	@"$(HOST_PYTHON)" tools/setup_browser.py
 
-test: setup browser  ## run the tests
-	@$(BIN)/python -m pytest $(ARGS)
+test: setup browser  ## run the tests: pure ones in two processes, then those with a graph
+	@$(BIN)/python tools/run_tests.py $(ARGS)
+
+test-long: setup  ## run the tests that take minutes
+	@$(BIN)/python -m pytest -m long $(ARGS)
+
+test-stress: setup browser  ## run the tests five times beside a busy loop (RUNS=5; goes on where it was)
+	@$(BIN)/python tools/stress_tests.py --runs $(or $(RUNS),5) -- $(ARGS)
 
 structure: setup  ## write the tables of rooms and imports in docs/architecture.md
 	@$(BIN)/python tools/structure.py --write

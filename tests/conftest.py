@@ -13,6 +13,7 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 from cabols_control.rig import load_rig
 from cabols_hw.card.config import load_card
 from cabols_sim.plant.config import load_plant
+from outcome_counts import pytest_terminal_summary  # noqa: F401
 
 
 @pytest.fixture(scope="session")
