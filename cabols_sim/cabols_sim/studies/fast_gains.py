@@ -103,7 +103,12 @@ def _prove(arguments: argparse.Namespace) -> int:
 
 
 def search_design(rig: Rig, name: str = BENCH) -> None:
-    """Search poles and zero anew on the programme `steps`, and print what comes out."""
+    """Search poles and zero anew on the programme `steps`, and print what comes out.
+
+    Args:
+        rig: whose control design is searched for.
+        name: of the rig's folder, for its card and plant.
+    """
     print("search: least peak current, generations of 40 designs ...", flush=True)
 
     def say(text: str) -> None:

@@ -243,6 +243,10 @@ def load_plan(path: str | Path = "", rig: str | Path | RigFolder = "") -> Campai
 def plan_text(path: str | Path = "", rig: str | Path | RigFolder = "") -> str:
     """Text of a campaign that describes its rig itself; see load_plan.
 
+    Args:
+        path: of a campaign.yaml; empty: the rig's.
+        rig: folder or name of the rig; empty: the bench.
+
     Raises:
         ConfigError: if the file cannot be used.
     """
