@@ -70,12 +70,16 @@ format: setup  ## mend style where a tool can
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
 
-bench: bench-tension bench-methods bench-workspace bench-simulation bench-registration
+bench: bench-tension bench-limb-step bench-methods bench-workspace bench-simulation bench-registration
 bench: bench-stiffness bench-design bench-analysis bench-realtime  ## run all benchmarks into build/bench
 
 bench-tension: setup  ## time the tension distribution
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_tension.py $(ARGS)
+
+bench-limb-step: setup  ## time the limb controller's step in each mode
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_limb_step.py $(ARGS)
 
 bench-methods: setup  ## compare the methods of tension distribution
 	@mkdir -p build/bench

@@ -9,48 +9,36 @@ import numpy as np
 from cabols_control.limb import identify_limb
 from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.rig import Rig, load_rig
-from cabols_control.supervision.modes import MOVING, OperatingMode
+from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import distribute
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 
 
-def warm_limbs(rig: Rig, sample: LimbSample | None = None) -> None:
-    """Compile, or load from the cache, what a limb controller calls.
-
-    Args:
-        rig: configuration.
-        sample: one as the controller will get it: compiled code differs for arrays that are
-            read-only or not aligned, as those inside a message are. None for plain arrays.
-    """
-    n = rig.geometry.cables
-    if sample is None:
-        flags, length = np.ones(n, dtype=np.bool_), np.full(n, 0.001)
-        sample = LimbSample(0.0, length, length, length, flags, flags)
-    controller = LimbController(rig)
-    # A sample without zeros is a fault in LOADING: STOPPED before each mode clears it.
-    modes = [mode for moving in MOVING for mode in (OperatingMode.STOPPED, *[moving] * 3)]
-    for k, mode in enumerate(modes):
-        stamp_s = 0.001 * k
-        setpoint = TensionSetpoint(stamp_s, np.full(n, 10.0), True)
-        controller.step(sample._replace(stamp_s=stamp_s), mode, setpoint)
-
-
-def warm_loaded_step(rig: Rig, state: Any, answer: Any) -> None:
-    """Compile, or load from the cache, the short cut of a loaded rig.
-
-    Args:
-        rig: configuration.
-        state: (1,) record of a LimbState, as messages come; its limbs must have no zero.
-        answer: (1,) record of a MotorCurrent, writable.
-    """
+def warm_limbs(rig: Rig) -> None:
+    """Compile, or load from the cache, what a limb controller calls for samples as arrays."""
     n = rig.geometry.cables
     flags, length = np.ones(n, dtype=np.bool_), np.full(n, 0.001)
+    sample = LimbSample(0.0, length, length, length, flags, flags)
     controller = LimbController(rig)
-    for k in range(3):
-        setpoint = TensionSetpoint(0.001 * k, np.full(n, 10.0), True)
-        sample = LimbSample(0.001 * k, length, length, length, flags, flags)
-        controller.step(sample, OperatingMode.LOADING, setpoint)
-    controller.step_loaded(0.003, OperatingMode.LOADING, setpoint, state, answer)
+    for stamp_s in (0.001, 0.002, 0.002):
+        setpoint = TensionSetpoint(stamp_s, np.full(n, 10.0), True)
+        controller.step(sample._replace(stamp_s=stamp_s), OperatingMode.LOADING, setpoint)
+
+
+def warm_limb_messages(rig: Rig, limbs: list[int], state: Any, answer: Any) -> None:
+    """Compile, or load from the cache, what a limb controller calls from message to message.
+
+    Args:
+        rig: configuration.
+        limbs: indices of the limbs that it drives, from 0.
+        state: (1,) record of a LimbState, as messages come: compiled code differs for those that
+            are read-only or not aligned.
+        answer: (1,) record of a MotorCurrent, writable.
+    """
+    controller = LimbController(rig, limbs)
+    for stamp_s in (0.001, 0.002, 0.002):
+        setpoint = TensionSetpoint(stamp_s, np.full(len(limbs), 10.0), True)
+        controller.answer(stamp_s, OperatingMode.LOADING, setpoint, state, answer)
 
 
 def warm_wrenches(rig: Rig) -> None:

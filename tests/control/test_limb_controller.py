@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cabols_control.errors import ShapeError
 from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.ros import topics
 from cabols_control.supervision.modes import OperatingMode
@@ -188,11 +189,11 @@ def as_message(layout, record, taken, sequence):
     return np.frombuffer(record.raw(), layout.compiled_dtype, 1)
 
 
-def test_short_cut_of_a_loaded_rig_is_the_same_law(rig, random):
-    """Same currents, to the bit, as the step for all cases, saturated ones among them."""
-    usual, general = LimbController(rig), LimbController(rig)
+def test_messages_and_arrays_are_answered_alike(rig, random):
+    """Same currents, to the bit, from message to message as from arrays, saturated ones too."""
+    by_message, by_arrays = LimbController(rig), LimbController(rig)
     layout, record, answer = messages(rig)
-    taken, saturated = [], 0
+    saturated = 0
     stamp_s, tension = 0.0, random.uniform(5.0, 80.0, N)
     for k in range(400):
         stamp_s += random.choice([0.001, 0.0012, 0.004, 0.02], p=[0.8, 0.1, 0.09, 0.01])
@@ -203,41 +204,37 @@ def test_short_cut_of_a_loaded_rig_is_the_same_law(rig, random):
             stamp_s - 0.001, random.uniform(-10.0, 160.0, N), bool(random.random() < 0.9)
         )
         message = as_message(layout, record, state, k)
-        short = usual.step_loaded(stamp_s, OperatingMode.LOADING, wanted, message, answer.compiled)
-        if not short:
-            usual.step(state, OperatingMode.LOADING, wanted)
-        taken.append(short)
-        expected = general.step(state, OperatingMode.LOADING, wanted)
-        np.testing.assert_array_equal(usual.current, expected)
-        np.testing.assert_array_equal(usual.saturated, general.saturated)
-        if short:
-            np.testing.assert_array_equal(answer["current"], expected)
-            np.testing.assert_array_equal(answer["saturated"], general.saturated)
-            assert answer["sequence"][0] == k
-            sent_s = answer["header.stamp.sec"][0] + 1e-9 * answer["header.stamp.nanosec"][0]
-            assert sent_s == pytest.approx(stamp_s, abs=1e-9)
-        saturated += general.saturated.any()
-    assert not taken[0]
-    assert sum(taken) > 380
+        by_message.answer(stamp_s, OperatingMode.LOADING, wanted, message, answer.compiled)
+        expected = by_arrays.step(state, OperatingMode.LOADING, wanted)
+        np.testing.assert_array_equal(by_message.current, expected)
+        np.testing.assert_array_equal(by_message.saturated, by_arrays.saturated)
+        np.testing.assert_array_equal(answer["current"], expected)
+        np.testing.assert_array_equal(answer["saturated"], by_arrays.saturated)
+        assert answer["sequence"][0] == k
+        sent_s = answer["header.stamp.sec"][0] + 1e-9 * answer["header.stamp.nanosec"][0]
+        assert sent_s == pytest.approx(stamp_s, abs=1e-9)
+        saturated += by_arrays.saturated.any()
     assert saturated > 20
 
 
 @pytest.mark.parametrize(
-    ("change", "mode", "wanted"),
+    ("change", "mode", "wanted", "reason"),
     [
-        ({"zeroed": False}, OperatingMode.LOADING, setpoint(0.003)),
-        ({"elongation": np.nan}, OperatingMode.LOADING, setpoint(0.003)),
-        ({"tension": np.inf}, OperatingMode.LOADING, setpoint(0.003)),
-        ({"stamp_s": 0.002}, OperatingMode.LOADING, setpoint(0.002)),
-        ({"stamp_s": 0.02}, OperatingMode.LOADING, setpoint(0.02)),
-        ({"limb": 7}, OperatingMode.LOADING, setpoint(0.003)),
-        ({}, OperatingMode.LOADING, setpoint(0.003, np.nan)),
-        ({}, OperatingMode.LOADING, setpoint(-1.0)),
-        ({}, OperatingMode.LOADING, None),
-        ({}, OperatingMode.UNLOADING, setpoint(0.003)),
+        ({"zeroed": False}, OperatingMode.LOADING, setpoint(0.003), "not pre-tightened: limb 4"),
+        ({"elongation": np.nan}, OperatingMode.LOADING, setpoint(0.003), "not finite"),
+        ({"tension": np.inf}, OperatingMode.LOADING, setpoint(0.003), "not finite"),
+        ({"stamp_s": 0.002}, OperatingMode.LOADING, setpoint(0.002), ""),
+        ({"stamp_s": 0.02}, OperatingMode.LOADING, setpoint(0.02), ""),
+        ({"limb": 7}, OperatingMode.LOADING, setpoint(0.003), "expected the indices 0 to 7"),
+        ({}, OperatingMode.LOADING, setpoint(0.003, np.nan), "not finite"),
+        ({}, OperatingMode.LOADING, setpoint(-1.0), "stale"),
+        ({}, OperatingMode.LOADING, None, "no tension_command"),
+        ({"limb": 7}, OperatingMode.UNLOADING, setpoint(0.003), "expected the indices 0 to 7"),
+        ({"limb": 7}, OperatingMode.STOPPED, None, ""),
     ],
 )
-def test_short_cut_leaves_everything_else_alone(controller, rig, change, mode, wanted):
+def test_messages_that_are_not_a_loaded_rigs(controller, rig, change, mode, wanted, reason):
+    """Each ends with its reason and zero current; a repeated state and a gap change nothing."""
     for k in range(3):
         controller.step(loaded(0.001 * k), OperatingMode.LOADING, setpoint(0.001 * k, 30.0))
     before = controller.current.copy()
@@ -249,22 +246,36 @@ def test_short_cut_leaves_everything_else_alone(controller, rig, change, mode, w
     if "limb" in change:
         record["limb"][3] = change["limb"]
         message = np.frombuffer(record.raw(), layout.compiled_dtype, 1)
-    assert not controller.step_loaded(state.stamp_s, mode, wanted, message, answer.compiled)
-    np.testing.assert_array_equal(controller.current, before)
-    assert not answer["current"].any()
+    controller.answer(state.stamp_s, mode, wanted, message, answer.compiled)
+    assert bool(controller.fault) == bool(reason)
+    assert not reason or reason in controller.fault.reason
+    kept = mode == OperatingMode.LOADING and not reason
+    np.testing.assert_array_equal(controller.current, before if kept else np.zeros(N))
+    np.testing.assert_array_equal(answer["current"], controller.current)
+    assert answer["sequence"][0] == 1
 
 
-def test_short_cut_is_for_all_limbs_only(rig):
-    controller = LimbController(rig, [1, 3])
-    for k in range(3):
-        controller.step(
-            loaded(0.001 * k),
-            OperatingMode.LOADING,
-            TensionSetpoint(0.001 * k, np.full(2, 30.0), True),
-        )
+def test_a_part_of_the_limbs_is_answered_by_message(rig):
+    by_message, by_arrays = LimbController(rig, [1, 3]), LimbController(rig, [1, 3])
     layout, record, answer = messages(rig, 2)
-    message = as_message(layout, record, loaded(0.003), 1)
-    wanted = TensionSetpoint(0.003, np.full(2, 30.0), True)
-    assert not controller.step_loaded(
-        0.003, OperatingMode.LOADING, wanted, message, answer.compiled
-    )
+    for k in range(4):
+        wanted = TensionSetpoint(0.001 * k, np.full(2, 30.0), True)
+        state = loaded(0.001 * k)
+        message = as_message(layout, record, state, k)
+        by_message.answer(0.001 * k, OperatingMode.LOADING, wanted, message, answer.compiled)
+        expected = by_arrays.step(state, OperatingMode.LOADING, wanted)
+        np.testing.assert_array_equal(answer["current"], expected)
+    assert (expected > 0.0).all()
+
+
+def test_records_of_other_lengths_are_refused(rig):
+    """The compiled step writes where it is told: nothing else would notice."""
+    layout, record, answer = messages(rig, 2)
+    message = as_message(layout, record, loaded(0.001), 1)
+    arguments = (0.001, OperatingMode.LOADING, setpoint(0.001), message)
+    with pytest.raises(ShapeError, match="current: expected one record with"):
+        LimbController(rig).answer(*arguments, answer.compiled)
+    with pytest.raises(ShapeError, match="setpoint: expected one tension for each of 2 limbs"):
+        LimbController(rig, [1, 3]).answer(*arguments, answer.compiled)
+    with pytest.raises(ShapeError, match="limb: expected one record with"):
+        LimbController(rig).answer(*arguments[:3], np.zeros(1, [("stamp", "f8")]), answer.compiled)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import FloatArray, in_range
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
-from cabols_control.limb_control.references import CURRENT, REST, SPEED, TENSION
+from cabols_control.limb_control.records import ControlKind
 from cabols_control.naming import limb_name, limb_names
 from cabols_control.result_code import ResultCode
 
@@ -131,7 +131,7 @@ class Programme:
         return float(self._data[0, 0]) if self._rows else float("nan")
 
     def step(self, sample: LimbSample) -> tuple[int, float]:
-        """Return the limb's kind of control (limb_references) and its value for one sample."""
+        """Return the limb's ControlKind and its value for one sample."""
         limb = self.limb
         now_s, wound = sample.stamp_s, float(sample.wound_length[limb])
         tension, zeroed = float(sample.tension[limb]), bool(sample.zeroed[limb])
@@ -148,7 +148,7 @@ class Programme:
             self.abort(f"not done within {self._config.timeout:g} s, in phase {self.phase}")
         if zeroed and not tension <= self._tension_max + GUARD_MARGIN_N:
             self.abort(f"tension {tension:.1f} N, {self._tension_max:g} N allowed")
-        return (REST, 0.0) if self.done else self.advance(wound, closed)
+        return (ControlKind.REST, 0.0) if self.done else self.advance(wound, closed)
 
     @property
     def progress(self) -> float:
@@ -231,12 +231,12 @@ class StepProgramme(Programme):
             self.abort(
                 f"travelled {abs(wound - self._home):.3f} m, {self._config.travel:g} m meant"
             )
-            return REST, 0.0
+            return ControlKind.REST, 0.0
         if self.phase == "slacken":
             return self._slacken(wound, closed)
         if closed and self.phase in ("stand", STEP, "coast", "brake"):
             self.abort("the switch closed while the cable was paid out: switch or cable stuck?")
-            return REST, 0.0
+            return ControlKind.REST, 0.0
         if self.phase == "back":
             return self._back(wound, closed)
         return self._excite(wound)
@@ -245,9 +245,9 @@ class StepProgramme(Programme):
         if closed:
             self._open = wound
         if wound > self._open - SLACK_M:
-            return SPEED, -self._slow
+            return ControlKind.SPEED, -self._slow
         self._enter("stand")
-        return CURRENT, 0.0
+        return ControlKind.CURRENT, 0.0
 
     def _excite(self, wound: float) -> tuple[int, float]:
         config, elapsed = self._config, self._elapsed()
@@ -255,13 +255,13 @@ class StepProgramme(Programme):
             # Only the end of the rest is recorded, when the motor has come to a stop.
             self._recording = elapsed >= 0.5 * SETTLE_S
             if elapsed < SETTLE_S:
-                return CURRENT, 0.0
+                return ControlKind.CURRENT, 0.0
             self._start = wound
             self._enter(STEP)
         paid_out = self._start - wound
         if self.phase == STEP:
             if paid_out < config.step_travel and self._elapsed() < config.step_time:
-                return CURRENT, -config.step_current
+                return ControlKind.CURRENT, -config.step_current
             self._enter("coast")
             self._still_s, self._still_at = self._now_s, wound
         if self.phase == "coast" and paid_out > config.travel:
@@ -271,14 +271,14 @@ class StepProgramme(Programme):
         if self._now_s - self._still_s >= SETTLE_S:
             self._recording = False
             self._enter("back")
-        return (SPEED, 0.0) if self.phase == "brake" else (CURRENT, 0.0)
+        return (ControlKind.SPEED, 0.0) if self.phase == "brake" else (ControlKind.CURRENT, 0.0)
 
     def _back(self, wound: float, closed: bool) -> tuple[int, float]:
         if closed or wound >= self._home:
             self.done = True
-            return REST, 0.0
+            return ControlKind.REST, 0.0
         near = min(self._home, self._open) - wound < SLOW_ZONE_M
-        return SPEED, self._slow if near else self._fast
+        return ControlKind.SPEED, self._slow if near else self._fast
 
 
 class RampProgramme(Programme):
@@ -354,8 +354,8 @@ class RampProgramme(Programme):
         elapsed = self._elapsed()
         if elapsed > self._times[-1]:
             self.done = True
-            return REST, 0.0
-        return TENSION, float(np.interp(elapsed, self._times, self._corners))
+            return ControlKind.REST, 0.0
+        return ControlKind.TENSION, float(np.interp(elapsed, self._times, self._corners))
 
 
 def make_step(rig: Rig, limb: int, config: CommissioningConfig) -> StepProgramme:

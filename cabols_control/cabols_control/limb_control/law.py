@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -10,57 +11,63 @@ from numba import njit
 from cabols_control.checks import BoolArray, FloatArray, finite_array, in_range
 from cabols_control.errors import ShapeError
 from cabols_control.gains import LimbGains
+from cabols_control.limb_control.records import limb_records
 
 
 @njit(cache=True)
-def limb_law_into(
-    gains: FloatArray,
-    current_limit: float,
-    velocity_reference: FloatArray,
-    position: FloatArray,
-    dt_s: float,
-    state: FloatArray,
-    current: FloatArray,
-) -> bool:
-    """One step of (3.10); shapes as in LimbLaw.step, unchecked.
+def advance_law(limbs: Any, dt_s: float, current_limit: float) -> bool:
+    """One step of (3.10) from each limb's position and reference to its law_current.
 
     Args:
-        gains: (n, 2) k_I and k_P1.
-        current_limit: bound on |current| [A].
-        velocity_reference: (n,) k_P2 (tau_d - tau_hat), or a winding speed [m/s].
-        position: (n,) elongation, or wound length [m].
+        limbs: (n,) records of LIMB; updated.
         dt_s: time since the previous step [s].
-        state: (n, 2) integral [m] and previous position [m]; updated.
-        current: (n,) output [A].
+        current_limit: bound on |current| [A].
 
     Returns:
         False if a reference or a position is not finite: nothing is changed then.
     """
-    for i in range(gains.shape[0]):
-        if not (np.isfinite(velocity_reference[i]) and np.isfinite(position[i])):
+    for i in range(limbs.shape[0]):
+        if not (np.isfinite(limbs[i]["reference"]) and np.isfinite(limbs[i]["position"])):
             return False
-    for i in range(gains.shape[0]):
-        velocity = (position[i] - state[i, 1]) / dt_s
-        increment = (velocity_reference[i] - velocity) * dt_s
-        integral = state[i, 0] + increment
-        wanted = gains[i, 0] * integral - gains[i, 1] * velocity
-        current[i] = min(max(wanted, -current_limit), current_limit)
+    for i in range(limbs.shape[0]):
+        limb = limbs[i]
+        gain, position = limb["integral_gain"], limb["position"]
+        velocity = (position - limb["last_position"]) / dt_s
+        increment = (limb["reference"] - velocity) * dt_s
+        integral = limb["integral"] + increment
+        asked = gain * integral - limb["velocity_gain"] * velocity
+        current = min(max(asked, -current_limit), current_limit)
         # Anti-windup: the integral goes on only as far as the current reaches its limit.
-        excess = (wanted - current[i]) / gains[i, 0]
+        excess = (asked - current) / gain
         if excess * increment > 0.0:
             integral -= excess if abs(excess) < abs(increment) else increment
-        state[i, 0] = integral
-        state[i, 1] = position[i]
+        limb["integral"] = integral
+        limb["last_position"] = position
+        limb["law_current"] = current
     return True
 
 
-def gain_matrix(gains: Sequence[LimbGains]) -> FloatArray:
-    """Return (n, 2) k_I and k_P1, as limb_law_into wants them."""
-    return np.array([[g.integral, g.velocity] for g in gains], dtype=np.float64)
+@njit(cache=True)
+def reset_law(limb: Any, position: float, current: float) -> None:
+    """Make the next output of one limb's law continue from a current [A], at rest at a position.
+
+    Args:
+        limb: record of LIMB; updated.
+        position: present elongation or wound length, whichever the law will be given [m].
+        current: what the limb's amplifier has now [A].
+    """
+    limb["integral"] = current / limb["integral_gain"]
+    limb["last_position"] = position
+    limb["law_current"] = current
 
 
 class LimbLaw:
-    """State of (3.10) for n limbs, with current limit, anti-windup and bumpless reset."""
+    """State of (3.10) for n limbs, with current limit, anti-windup and bumpless reset.
+
+    Attributes:
+        tension_gain: (n,) k_P2 [m/s/N].
+        current: (n,) newest output [A].
+    """
 
     def __init__(self, gains: Sequence[LimbGains], current_limit: float) -> None:
         """Start at rest with zero current.
@@ -71,16 +78,10 @@ class LimbLaw:
         """
         if not gains:
             raise ShapeError("gains: expected at least one limb, got none")
-        self._gains = gain_matrix(gains)
+        self._records = limb_records(gains)
         self._limit = in_range("current_limit", current_limit, 0.0, 100.0)
-        self.tension_gain = np.array([g.tension for g in gains], dtype=np.float64)
-        self.current = np.zeros(len(gains))
-        self._state = np.zeros((len(gains), 2))
-
-    @property
-    def arrays(self) -> tuple[FloatArray, FloatArray]:
-        """Gains and state, as limb_law_into wants them; the law's own, no copies."""
-        return self._gains, self._state
+        self.tension_gain: FloatArray = self._records["tension_gain"]
+        self.current: FloatArray = self._records["law_current"]
 
     @property
     def limbs(self) -> int:
@@ -95,9 +96,10 @@ class LimbLaw:
             position: present elongation or wound length, whichever step will be given [m].
             current: what the limb's amplifier has now [A].
         """
-        self._state[limb, 0] = current / self._gains[limb, 0]
-        self._state[limb, 1] = position
-        self.current[limb] = current
+        record = self._records[limb : limb + 1]
+        record["integral"] = current / record["integral_gain"]
+        record["last_position"] = position
+        record["law_current"] = current
 
     def step(self, velocity_reference: FloatArray, position: FloatArray, dt_s: float) -> FloatArray:
         """Advance all limbs by one sample.
@@ -123,18 +125,10 @@ class LimbLaw:
         return self.current
 
     def advance(self, velocity_reference: FloatArray, position: FloatArray, dt_s: float) -> bool:
-        """Step without checks of shape and time, for the control loop; see limb_law_into."""
-        return bool(
-            limb_law_into(
-                self._gains,
-                self._limit,
-                velocity_reference,
-                position,
-                dt_s,
-                self._state,
-                self.current,
-            )
-        )
+        """Step without checks of shape and time, for the control loop; see advance_law."""
+        self._records["reference"] = velocity_reference
+        self._records["position"] = position
+        return bool(advance_law(self._records, dt_s, self._limit))
 
     @property
     def saturated(self) -> BoolArray:

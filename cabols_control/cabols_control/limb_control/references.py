@@ -2,128 +2,120 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
-from cabols_control.checks import BoolArray, FloatArray, IntArray
-
-REST = 0
-"""Zero current: the gear's friction holds."""
-SWITCH = 1
-"""Winding speed by the switch: in while it is open, out while it is closed."""
-TENSION = 2
-"""Tension control by elongation (3.10)."""
-FOLLOW = 3
-"""Tension control around the speed at which the platform lengthens the cable."""
-SPEED = 4
-"""A given winding speed [m/s]."""
-CURRENT = 5
-"""A given current [A]."""
+from cabols_control.checks import FloatArray
+from cabols_control.limb_control.records import ControlKind
 
 RATE_FILTER_S = 0.012
 """The pose comes every 4 ms, the cable's length in steps: three of them smooth its rate."""
 
 
 @njit(cache=True)
-def references_into(
-    kind: IntArray,
-    zeroed: BoolArray,
-    closed: BoolArray,
-    wound: FloatArray,
-    elongation: FloatArray,
-    tension: FloatArray,
-    wanted: FloatArray,
-    gain: FloatArray,
-    tension_limit: float,
-    speed: float,
-    dt_s: float,
-    previous: IntArray,
-    changed: BoolArray,
-    length: FloatArray,
-    rate: FloatArray,
-    position: FloatArray,
-    reference: FloatArray,
-) -> bool:
-    """Fill the law's inputs for n limbs; all arrays (n,) but kind.
+def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
+    """Set each limb's kind of control, position and reference.
 
     Args:
-        kind: (n, 2) kind of control of each limb without and with a known zero.
-        zeroed: whether the zero is known.
-        closed: whether the switch is closed.
-        wound: wound length [m].
-        elongation: [m].
-        tension: estimate [N].
-        wanted: desired tension [N], or speed [m/s] or current [A] for SPEED and CURRENT.
-        gain: k_P2 [m/s/N].
-        tension_limit: bound on the desired tension [N].
-        speed: of SWITCH [m/s].
+        state: record of the limb state.
+        task: record of TASK.
+        limbs: (m,) records of LIMB whose setpoints are set; updated.
         dt_s: time since the previous state [s].
-        previous: kinds at the previous state; updated.
-        changed: where the kind of control changes.
-        length: of cable between its points, but for a constant, at the previous state; updated [m].
-        rate: at which it grows, filtered; updated [m/s].
-        position: what the law differentiates [m].
-        reference: of the law [m/s].
-
-    Returns:
-        Whether any kind of control changes.
     """
-    any_changed = False
     share = dt_s / (RATE_FILTER_S + dt_s)
-    for i in range(wound.shape[0]):
-        now = kind[i, 1] if zeroed[i] else kind[i, 0]
-        changed[i] = now != previous[i]
-        any_changed |= now != previous[i]
-        previous[i] = now
-        position[i] = wound[i]
-        reference[i] = 0.0
-        if now == SWITCH:
+    # Each of these costs more than its use: out of the loop.
+    wound_lengths, elongations, tensions = (
+        state["wound_length"],
+        state["elongation"],
+        state["tension"],
+    )
+    zeroed, switch_closed = state["zeroed"], state["switch_closed"]
+    for place in range(limbs.shape[0]):
+        limb = limbs[place]
+        i = limb["limb"]
+        now = task["kind_with_zero"] if zeroed[i] else task["kind_without_zero"]
+        if place == task["programme_place"]:
+            now = task["programme_kind"]
+        limb["changed"] = now != limb["kind"]
+        limb["kind"] = now
+        wound = wound_lengths[i]
+        limb["position"] = wound
+        limb["reference"] = 0.0
+        if now == ControlKind.SWITCH:
             # A switch that is closed before its zero is known must open first: the zero is set
             # where it closes.
-            reference[i] = -speed if closed[i] else speed
-        elif now == SPEED:
-            reference[i] = wanted[i]
-        elif now in (TENSION, FOLLOW):
-            limited = min(max(wanted[i], 0.0), tension_limit)
+            limb["reference"] = -task["speed"] if switch_closed[i] else task["speed"]
+        elif now == ControlKind.SPEED:
+            limb["reference"] = limb["setpoint"]
+        elif now == ControlKind.TENSION or now == ControlKind.FOLLOW:
+            limited = min(max(limb["setpoint"], 0.0), task["tension_limit"])
             # 0 * x is NaN for what is not finite, and the law refuses that.
-            reference[i] = gain[i] * (limited - tension[i]) + 0.0 * wanted[i]
-            if now == TENSION:
-                position[i] = elongation[i]
+            error = limited - tensions[i]
+            limb["reference"] = limb["tension_gain"] * error + 0.0 * limb["setpoint"]
+            elongation = elongations[i]
+            if now == ControlKind.TENSION:
+                limb["position"] = elongation
                 continue
             # The pose's steps would reach the current through k_P1 if elongation were
             # differentiated; the motor's own motion has none, and the platform's comes filtered.
-            beyond = elongation[i] - wound[i]
-            if changed[i]:
-                length[i], rate[i] = beyond, 0.0
-            rate[i] += share * ((beyond - length[i]) / dt_s - rate[i])
-            length[i] = beyond
-            reference[i] -= rate[i]
-    return any_changed
+            beyond = elongation - wound
+            if limb["changed"]:
+                limb["cable_length"], limb["cable_rate"] = beyond, 0.0
+            rate = (beyond - limb["cable_length"]) / dt_s
+            limb["cable_rate"] += share * (rate - limb["cable_rate"])
+            limb["cable_length"] = beyond
+            limb["reference"] -= limb["cable_rate"]
 
 
 @njit(cache=True)
-def override_into(kind: IntArray, wanted: FloatArray, limit: float, current: FloatArray) -> None:
-    """Put zero, or the given current within +-limit, where the law is not in charge; all (n,)."""
-    for i in range(kind.shape[0]):
-        if kind[i] == REST:
-            current[i] = 0.0
-        elif kind[i] == CURRENT:
+def override_currents(limbs: Any, limit: float) -> None:
+    """Put zero, or the given current within +-limit [A], where the law is not in charge."""
+    for place in range(limbs.shape[0]):
+        limb = limbs[place]
+        if limb["kind"] == ControlKind.REST:
+            limb["current"] = 0.0
+        elif limb["kind"] == ControlKind.CURRENT:
             # Written so that NaN becomes zero.
-            value = wanted[i] if abs(wanted[i]) < np.inf else 0.0
-            current[i] = min(max(value, -limit), limit)
+            given = limb["setpoint"]
+            value = given if abs(given) < np.inf else 0.0
+            limb["current"] = min(max(value, -limit), limit)
 
 
 @njit(cache=True)
-def ramp_into(goal: float, step: float, tension: FloatArray, wanted: FloatArray) -> bool:
-    """Move wanted (n,) towards goal by at most step [N]; where it is NaN, start from tension (n,).
+def set_setpoints(
+    state: Any, task: Any, limbs: Any, given: FloatArray, dt_s: float, anew: bool, near: float
+) -> bool:
+    """Set each limb's setpoint: as given, or one step along its ramp.
+
+    Args:
+        state: record of the limb state.
+        task: record of TASK.
+        limbs: (m,) records of LIMB; updated.
+        given: (m,) setpoints of a task without ramps.
+        dt_s: time since the previous state [s].
+        anew: whether ramps begin at the present tensions.
+        near: how near the goal a tension counts as there [N].
 
     Returns:
-        Whether all have arrived.
+        Whether every ramp is at its end and every tension with a known zero near it.
     """
-    arrived = True
-    for i in range(wanted.shape[0]):
-        if not abs(wanted[i]) < np.inf:
-            wanted[i] = tension[i] if abs(tension[i]) < np.inf else goal
-        wanted[i] += min(max(goal - wanted[i], -step), step)
-        arrived = arrived and wanted[i] == goal
+    step, goal, arrived = task["rate"] * dt_s, task["goal"], True
+    tensions, zeroed = state["tension"], state["zeroed"]
+    for place in range(limbs.shape[0]):
+        limb = limbs[place]
+        if place == task["programme_place"]:
+            limb["setpoint"] = task["programme_value"]
+        elif not task["ramps"]:
+            limb["setpoint"] = given[place]
+        else:
+            i = limb["limb"]
+            tension, ramp = tensions[i], limb["ramp"]
+            if anew or not abs(ramp) < np.inf:
+                ramp = tension if abs(tension) < np.inf else goal
+            ramp += min(max(goal - ramp, -step), step)
+            limb["ramp"] = limb["setpoint"] = ramp
+            there = abs(tension - goal) <= near or not zeroed[i]
+            arrived = arrived and ramp == goal and there
     return arrived

@@ -9,7 +9,7 @@ import numpy as np
 
 from cabols_control.checks import BoolArray
 from cabols_control.errors import ConfigError
-from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.limb_control.controller import LimbController, TensionSetpoint
 from cabols_control.nodes.commission_server import CommissionServer
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
@@ -17,7 +17,7 @@ from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_no
 from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
-from cabols_control.warm_up import warm_limbs, warm_loaded_step
+from cabols_control.warm_up import warm_limb_messages
 
 MODE_TIMEOUT_S = 0.5
 NO_SUBSET = [-1]
@@ -54,10 +54,8 @@ class LimbControllerNode(ControlNode):
         self._cables = np.arange(geometry.cables, dtype=np.uint8)
         self._expected_limbs = self._cables.tobytes()
         self._state_dtype = state_layout.compiled_dtype
-        nothing = state_layout.record().raw()
-        warm_limbs(self.rig, _sample_of(state_layout.read(nothing), 0.0))
-        state = np.frombuffer(nothing, self._state_dtype, 1)
-        warm_loaded_step(self.rig, state, layout.record().compiled)
+        nothing = np.frombuffer(state_layout.record().raw(), self._state_dtype, 1)
+        warm_limb_messages(self.rig, limbs, nothing, layout.record().compiled)
         self._loop = ControlLoop(
             self,
             self._state,
@@ -108,8 +106,7 @@ class LimbControllerNode(ControlNode):
         stamp_s = 1e-9 * self._state.stamp_ns
         state = np.frombuffer(self._state.laid_out, self._state_dtype, 1)
         answer = self._answer
-        if not self._controller.step_loaded(stamp_s, mode, setpoint, state, answer.compiled):
-            self._step_otherwise(mode, setpoint)
+        self._controller.answer(stamp_s, mode, setpoint, state, answer.compiled)
         answer["tension_sequence"][0] = self._tension_sequence
         self._output.publish(answer.raw())
         if self._commissioning is not None:
@@ -117,15 +114,6 @@ class LimbControllerNode(ControlNode):
         self.status.work.add(time.monotonic() - started)
         self.status.lost = self._state.lost
         self._report()
-
-    def _step_otherwise(self, mode: OperatingMode, setpoint: TensionSetpoint | None) -> None:
-        """Answer every limb state, whatever its state."""
-        record, answer = self._state.record, self._answer
-        current = self._controller.step(self._sample(record), mode, setpoint)
-        answer.stamp(self._state.stamp_ns)
-        answer["sequence"][0] = record["sequence"]
-        answer["current"][:] = current
-        answer["saturated"][:] = self._controller.saturated
 
     def _report(self) -> None:
         fault = self._controller.fault
@@ -136,15 +124,6 @@ class LimbControllerNode(ControlNode):
 
     def _trip(self, name: FaultName, reason: str) -> None:
         self._controller.trip(Fault(name, reason))
-
-    def _sample(self, record: np.void) -> LimbSample:
-        if record["limb"].tobytes() != self._expected_limbs:
-            self._trip(
-                FaultName.MESSAGE,
-                f"limb_state: expected the indices 0 to {self._cables.size - 1} in order, "
-                f"got {record['limb'].tolist()}",
-            )
-        return _sample_of(record, 1e-9 * self._state.stamp_ns)
 
     def _present_mode(self) -> OperatingMode:
         if self._state.error:
@@ -183,17 +162,6 @@ class LimbControllerNode(ControlNode):
         return TensionSetpoint(
             1e-9 * self._command.stamp_ns, record["tension"][limbs], bool(record["active"])
         )
-
-
-def _sample_of(record: np.void, stamp_s: float) -> LimbSample:
-    return LimbSample(
-        stamp_s,
-        record["wound_length"],
-        record["elongation"],
-        record["tension"],
-        record["switch_closed"],
-        record["zeroed"],
-    )
 
 
 def main() -> int:

@@ -7,14 +7,15 @@ with each sample, without messages between them. Used for reproductions, design 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray, IntArray, finite_array
 from cabols_control.kinematics import cable_lengths, structure_matrix
-from cabols_control.limb_control.law import gain_matrix, limb_law_into
+from cabols_control.limb_control.law import advance_law
+from cabols_control.limb_control.records import limb_records
 from cabols_control.rig import Rig
 from cabols_control.tension import DEFAULT_WEIGHTS, prepare_pose, set_method, work_size
 from cabols_control.tension.kernels.work_array import SHARE
@@ -86,8 +87,7 @@ class _Control(NamedTuple):
     work: FloatArray
     proportional: float
     integral: float
-    gains: FloatArray
-    tension_gain: FloatArray
+    limbs: Any
     stiffness: float
     zero: FloatArray
     current_limit: float
@@ -117,9 +117,7 @@ def _run(
     true, measured = np.zeros(6), np.zeros(6)
     volts, tared = np.zeros(6), np.zeros(6)
     accumulated, u, residual = np.zeros(6), np.zeros(6), np.zeros(6)
-    command, reference, elongation = np.zeros(n), np.zeros(n), np.zeros(n)
-    current = np.zeros(n)
-    law = np.zeros((n, 2))
+    command, elongation, current = np.zeros(n), np.zeros(n), np.zeros(n)
     first, change, swing, at_rest = np.zeros(6), np.zeros(6), np.zeros(12), limbs.length.copy()
     cable_wrench(control.matrix, limbs.tension, first)
     dt_s = PERIOD_S / limbs.substeps
@@ -141,7 +139,8 @@ def _run(
             volts[row] = quantise(volt, sensors.adc_step, 10.0)
         wrench_into(sensors.calibration, volts, sensors.bias, 10.0, measured)
         if k == 0:
-            law[:, 1] = elongation
+            for i in range(n):
+                control.limbs[i]["last_position"] = elongation[i]
             for row in range(6):
                 tared[row] = measured[row] - control.proportional * (
                     desired[0, row] - measured[row]
@@ -164,10 +163,12 @@ def _run(
         for i in range(n):
             estimate = control.stiffness * elongation[i]
             record.estimate[k, i] = estimate
-            reference[i] = control.tension_gain[i] * (command[i] - estimate)
-        limb_law_into(
-            control.gains, control.current_limit, reference, elongation, PERIOD_S, law, current
-        )
+            limb = control.limbs[i]
+            limb["reference"] = limb["tension_gain"] * (command[i] - estimate)
+            limb["position"] = elongation[i]
+        advance_law(control.limbs, PERIOD_S, control.current_limit)
+        for i in range(n):
+            current[i] = control.limbs[i]["law_current"]
         record.wrench[k], record.measured[k] = true, measured
         record.tension[k], record.command[k], record.current[k] = limbs.tension, command, current
         # What the amplifiers and the limbs do until the next sample.
@@ -269,8 +270,7 @@ def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
         work,
         rig.gains.proportional,
         rig.gains.integral,
-        gain_matrix(rig.gains.limbs),
-        np.array([gains.tension for gains in rig.gains.limbs]),
+        limb_records(rig.gains.limbs),
         rig.limbs.stiffness,
         zero,
         rig.control.current_limit,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
 from cabols_control.gains import LimbGains
-from cabols_control.limb_control.law import limb_law_into
+from cabols_control.limb_control.law import advance_law
+from cabols_control.limb_control.records import limb_records
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import BENCH
 from cabols_hw.card.config import CardConfig, load_card
@@ -109,8 +111,7 @@ def drive_slack_limb(
 @njit(cache=True)
 def _close_loop(
     table: FloatArray,
-    gains: FloatArray,
-    tension_gain: float,
+    limbs: Any,
     command: FloatArray,
     settings: FloatArray,
     substeps: int,
@@ -118,9 +119,9 @@ def _close_loop(
 ) -> None:
     stiffness, counts, limit = settings[0], settings[1], settings[2]
     row = table[0]
-    state, law = np.zeros((1, 3)), np.zeros((1, 2))
+    state, limb = np.zeros((1, 3)), limbs[0]
     length, tension = np.full(1, CABLE_LENGTH_M), np.full(1, command[0])
-    current, reference, elongation = np.zeros(1), np.zeros(1), np.zeros(1)
+    current = np.zeros(1)
     stretch = command[0] * (row[8] + row[9] * length[0])
     stretch += max(command[0] - row[7], 0.0) * row[6]
     # The motor has wound in: it stands half the backlash ahead of the pulley.
@@ -130,12 +131,13 @@ def _close_loop(
     dt_s = PERIOD_S / substeps
     for k in range(command.size):
         wound = np.floor(state[0, 0] * counts) / counts if counts > 0.0 else state[0, 0]
-        elongation[0] = wound - zero
+        limb["position"] = wound - zero
         if k == 0:
-            law[0, 1] = elongation[0]
-        estimate = stiffness * elongation[0]
-        reference[0] = tension_gain * (command[k] - estimate)
-        limb_law_into(gains, limit, reference, elongation, PERIOD_S, law, current)
+            limb["last_position"] = limb["position"]
+        estimate = stiffness * limb["position"]
+        limb["reference"] = limb["tension_gain"] * (command[k] - estimate)
+        advance_law(limbs, PERIOD_S, limit)
+        current[0] = limb["law_current"]
         record[0, k], record[1, k] = tension[0], estimate
         record[2, k], record[3, k] = wound, current[0]
         for _ in range(substeps):
@@ -168,8 +170,7 @@ def control_limb(
     record = np.zeros((4, command.size))
     _close_loop(
         limbs.table[limb : limb + 1],
-        np.array([[gains.integral, gains.velocity]]),
-        gains.tension,
+        limb_records([gains]),
         command,
         np.array([stiffness, counts, setup.rig.control.current_limit]),
         setup.plant.substeps,
