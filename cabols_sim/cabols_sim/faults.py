@@ -1,4 +1,4 @@
-"""What can be made to go wrong in the simulated rig; pure, applied by the plant."""
+"""Faults of the simulated rig; pure, applied by the plant."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cabols_control.naming import limb_name
 
 
 class FaultError(CabolsError):
-    """A fault that does not exist, or does not fit."""
+    """A fault does not exist, or its arguments do not fit."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ class _Active:
 
 
 class PlantFaults:
-    """The faults in force, and what they do to the plant's signals.
+    """The faults in force, and their effect on the plant's signals.
 
     Attributes:
         any: whether anything is wrong; the plant asks before it calls the rest.
     """
 
     def __init__(self, limbs: int) -> None:
-        """Start with everything in order."""
+        """Start without a fault."""
         self._limbs = limbs
         self._active: list[_Active] = []
         self._frozen: dict[str, float] = {}
@@ -85,7 +85,7 @@ class PlantFaults:
         duration_s: float = 0.0,
         now_s: float = 0.0,
     ) -> str:
-        """Let something go wrong from now on.
+        """Cause a fault from now on.
 
         Args:
             kind: a key of KINDS, or "none" to mend everything (a broken cable, too).
@@ -121,7 +121,7 @@ class PlantFaults:
         return f"{kind}{where}: {described.what}"
 
     def pass_time(self, now_s: float) -> None:
-        """End what was injected for a time only."""
+        """End the faults whose duration is over."""
         self._active = [fault for fault in self._active if fault.end_s > now_s]
         self.any = bool(self._active)
 
@@ -174,5 +174,5 @@ class PlantFaults:
         volts[gauge] = self._keep(f"gauge {gauge}", float(volts[gauge])) if keep else stuck[kind]
 
     def _keep(self, key: str, value: float) -> float:
-        """Return what a signal was when it froze."""
+        """Return a signal's value at the instant at which it froze."""
         return self._frozen.setdefault(key, value)

@@ -1,4 +1,4 @@
-"""Compile and cache the simulation's kernels once, so that no run waits for that."""
+"""Compile and cache the simulation's kernels once, so that no run waits for the compiler."""
 
 from __future__ import annotations
 

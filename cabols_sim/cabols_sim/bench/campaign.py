@@ -38,7 +38,7 @@ TOOL = "run_campaign"
 COMPLETE = "complete"
 """File that tells the next call to begin anew."""
 STALE_S = 10.0
-"""On the computer's clock: in lockstep the rig's time may stand for long without any harm."""
+"""Time-out by the computer's clock [s]: in lockstep the rig's time may stand still for long."""
 WITHIN = 0.02
 TARGET_S = 300.0
 SCATTER = (7.2, 4.5, 9.0, 8.3, 8.5, 11.4)
@@ -75,7 +75,7 @@ class BenchCampaign:
             "rig": self.rig,
             "campaign": True,
             "robot": True,
-            # The campaign records what its analysis needs by itself.
+            # The campaign itself records the data for its analysis.
             "record": False,
             "lockstep": not self.real_time,
             "seed": self.seed,
@@ -84,7 +84,7 @@ class BenchCampaign:
         }
 
     def tool(self) -> NodeSpec:
-        """The client that begins the campaign, and with whose end all ends."""
+        """Return the client that starts the campaign, and whose end ends everything."""
         words = ["--folder", str(self.folder), "--accuracy", f"{self.accuracy:g}"]
         if self.campaign:
             words += ["--campaign", self.campaign]
@@ -103,7 +103,7 @@ class BenchCampaign:
 
 
 def show(node: str, line: str) -> None:
-    """Show the client's lines, and of the others what is not well."""
+    """Show the client's lines, and the other nodes' warnings and errors."""
     if node == TOOL:
         print(line, flush=True)
     elif (read := read_line(line)).loud:
@@ -118,7 +118,7 @@ def analyse(folder: Path, quiet: bool = False) -> int:
 
 
 def compare(folder: Path, robot_file: str = "", rig: str = BENCH) -> tuple[str, float]:
-    """Table of what was found against the simulated robot's truth, and the worst error.
+    """Return a table of results and the simulated robot's true values, and the worst error.
 
     Args:
         folder: of the campaign, analysed.
@@ -204,7 +204,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _processor_s() -> float:
-    """Processor time of all processes that have ended, the nodes: what the campaign costs [s]."""
+    """Return the processor time of all ended processes, i.e. of the nodes [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

@@ -45,12 +45,12 @@ NODES = (
 )
 PATIENCE_S = 300.0
 WORST_DEVIATIONS = 4.0
-"""So many standard deviations may lie between a disturbed and the undisturbed campaign's result."""
+"""Most standard deviations between the results of a disturbed and the undisturbed campaign."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What a kill did.
+    """Outcome of a kill.
 
     Attributes:
         victim: node that was killed; empty: none.
@@ -96,17 +96,17 @@ def finished(folder: Path) -> list[dict[str, str]]:
 
 
 def keys(folder: Path) -> set[tuple[int, int, int]]:
-    """Loads of a campaign that are no references."""
+    """Return a campaign's loads without its references."""
     names = ("configuration_index", "reflector_index", "load_index")
     lines = finished(folder)
     return {tuple(int(line[name]) for name in names) for line in lines if line["branch"] != "0"}  # type: ignore[misc]
 
 
 class Killer:
-    """Kills one process once so many loads are finished."""
+    """Kills one process after a number of finished loads."""
 
     def __init__(self, campaign: BenchCampaign, victim: str, after: int) -> None:
-        """Plan."""
+        """Prepare; start() begins."""
         self._campaign = campaign
         self._victim = victim
         self._after = after
@@ -114,7 +114,7 @@ class Killer:
         self.before: bytes = b""
 
     def start(self, pids: dict[str, int]) -> None:
-        """Begin to watch; for run_bench's on_start."""
+        """Start to watch; for run_bench's on_start."""
         threading.Thread(target=self._watch, args=(pids,), daemon=True).start()
 
     def _watch(self, pids: dict[str, int]) -> None:
@@ -122,10 +122,10 @@ class Killer:
         while len(finished(folder)) < self._after and time.monotonic() < give_up:
             time.sleep(0.02)
         with suppress(ProcessLookupError):
-            # Who is gone already shows in how the run ended: it was not this kill.
+            # A process that has already ended shows in the run's outcome: this kill did not end it.
             os.kill(pids[self._victim], signal.SIGKILL)
         self.killed_at = time.monotonic()
-        # A line that is being written at this very moment is finished, too, if it is whole.
+        # A line that is being written at this instant counts as finished if it is complete.
         self.before = (folder / "samples.csv").read_bytes()
 
 

@@ -27,7 +27,7 @@ TOOL = "commission"
 
 @dataclass(frozen=True)
 class ToolSpec(NodeSpec):
-    """A tool among the nodes: it takes plain arguments, and all end with it."""
+    """A tool among the nodes, with plain arguments; all nodes end with it."""
 
     words: tuple[str, ...] = ()
 
@@ -109,7 +109,7 @@ def _words(arguments: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _show(node: str, line: str) -> None:
-    """Show the tool's lines, and of the others what is not well."""
+    """Show the tool's lines, and the other nodes' warnings and errors."""
     if node == TOOL:
         print(line, flush=True)
     elif (read := read_line(line)).loud:

@@ -19,7 +19,7 @@ SHOWN = ("console", "supervisor", "recorder")
 def main() -> int:
     """Serve the page; returns 0 after Ctrl-C, 1 if a node ended by itself."""
     arguments = _arguments()
-    # Bags, programmes and campaigns of many sessions: nothing is ever replaced.
+    # The folder holds bags, programmes and campaigns of many sessions: nothing is replaced.
     with output_folder(arguments.output, "console_bench", keep=True):
         return _run(arguments)
 
@@ -82,7 +82,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _show(node: str, line: str) -> None:
-    """Show what console, supervisor and recorder say, and what is not well elsewhere."""
+    """Show the lines of console, supervisor and recorder, and other nodes' warnings and errors."""
     read = read_line(line)
     if node in SHOWN or read.loud:
         print(f"  {node}: {read.words}", flush=True)

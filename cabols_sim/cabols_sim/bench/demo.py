@@ -37,7 +37,7 @@ SHOWN = ("supervisor", "load_program")
 
 
 class Progress:
-    """Tells what happens and how far the programme is."""
+    """Prints events and the progress of the programme."""
 
     def __init__(self, duration_s: float) -> None:
         """Start counting; duration_s is the programme's."""
@@ -49,7 +49,7 @@ class Progress:
         self._thread = threading.Thread(target=self._tick, daemon=True)
 
     def __enter__(self) -> Progress:
-        """Begin ticking."""
+        """Start ticking."""
         self._thread.start()
         return self
 
@@ -59,7 +59,7 @@ class Progress:
         self._thread.join()
 
     def line(self, node: str, text: str) -> None:
-        """Show a node's line if it is an event, or if something is not well."""
+        """Show a node's line if it is an event, a warning or an error."""
         read = read_line(text)
         if node == "load_program":
             self._starting = False
@@ -71,7 +71,7 @@ class Progress:
         self._loading = time.monotonic() if begins else None
 
     def step(self, text: str) -> None:
-        """Show what the operator does next."""
+        """Show the operator's next step."""
         self._starting = False
         self.say(text)
 
@@ -103,7 +103,7 @@ def main() -> int:
 
 def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
     """Run the session and judge it."""
-    # ROS's wheels start Python anew when they are first imported: before anything is done.
+    # ROS's wheels restart Python at their first import, so this comes before everything else.
     session_module = (
         None if arguments.rigid else importlib.import_module("cabols_sim.ros.demo_session")
     )
@@ -164,7 +164,7 @@ def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str,
 
 
 def _failure(ended: Ended, session: Any, log: Path) -> str:
-    """What went wrong; empty if nothing did, or Ctrl-C came."""
+    """Return the failure; empty without one, or after Ctrl-C."""
     if session is not None and session.error is not None:
         return str(session.error)
     expected = ended.first == "load_program" and ended.code == 0 and session is None

@@ -1,4 +1,4 @@
-"""Run the simulated bench as processes, as the demo, the benchmarks and the tests do."""
+"""Run the simulated bench as processes, for the demo, the benchmarks and the tests."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FIFO_PRIORITY = 50
 
 
 def real_time_arguments() -> dict[str, int]:
-    """Return arguments for the least delay between bridge and limb controller that is to be had.
+    """Return arguments for the least possible delay between bridge and limb controller.
 
     Each on a core of its own that does not fall asleep, and before other work, as far as the
     kernel lets this process ask for it (root may; see docs/installing.md).
@@ -66,7 +66,7 @@ def real_time_arguments() -> dict[str, int]:
 
 
 def forgiving(speed: float = 1.0, stall_s: float = 0.1) -> dict[str, float]:
-    """Return arguments for a computer that stalls now and then, for so long in the rig's time.
+    """Return arguments for a computer that stalls now and then, in the rig's time.
 
     A desktop's kernel may stall for longer than a rig's watchdogs allow; a rig's own values stay
     in its configuration files.

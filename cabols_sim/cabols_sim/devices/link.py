@@ -1,7 +1,7 @@
 """Private link between plant and device simulator: fixed records in UDP datagrams on loopback.
 
-The plant owns the physics and one known port. The devices ask it for their truth with HELLO, and
-go on asking, so that either side may start first or start again. Datagrams may get lost: a
+The plant owns the physics and one known port. The devices request their truth from it with HELLO,
+repeatedly, so that either side may start first or restart. Datagrams may get lost: a
 command is repeated until a truth acknowledges its sequence number.
 """
 
@@ -58,7 +58,7 @@ CLIENTS = 4
 
 
 class Kind(IntEnum):
-    """What a RobotCommand asks for."""
+    """Request of a RobotCommand."""
 
     HELLO = 0
     MOVE = 1
@@ -66,7 +66,7 @@ class Kind(IntEnum):
 
 
 class LinkError(CabolsError):
-    """The link's port cannot be had."""
+    """The link's port is not available."""
 
 
 def _bind(port: int) -> socket.socket:
@@ -91,7 +91,7 @@ class PlantLink:
     """
 
     def __init__(self, port: int = DEFAULT_LINK_PORT) -> None:
-        """Listen on a loopback port; 0: any.
+        """Open a loopback port; 0: any.
 
         Raises:
             LinkError: if the port is taken.
@@ -105,7 +105,7 @@ class PlantLink:
 
     @property
     def clients(self) -> int:
-        """Number of devices that have asked for the truth lately."""
+        """Number of devices that have requested the truth lately."""
         return len(self._clients)
 
     def receive(self) -> list[Any]:

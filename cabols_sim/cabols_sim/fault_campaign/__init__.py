@@ -1,1 +1,1 @@
-"""The fault campaign: every fault, many times, in the loaded rig; what was found and how fast."""
+"""The fault campaign: every fault, many times, in the loaded rig; detection and its delay."""

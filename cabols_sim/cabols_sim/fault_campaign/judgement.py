@@ -1,4 +1,4 @@
-"""What one trial showed: found, when, safe, when, and the peaks; pure."""
+"""Judgement of one trial: detection, time to a safe state, peaks; pure."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from cabols_control.checks import FloatArray
 from cabols_control.supervision.faults import FaultName
 
 SAFE_WITHIN_S = 0.05
-"""So soon after its detection every fault must be safe."""
+"""Longest time from a fault's detection to a safe state [s]."""
 CARD_WATCHDOG_S = 0.010
 GAP_S = 0.020
-"""A longer gap between samples means that the bridge itself stood still."""
+"""Longest gap between samples of a running bridge [s]."""
 TOLERANCE_N = 5.0
 """After the reaction no tension may exceed the highest at detection by more than this."""
 
@@ -40,7 +40,7 @@ class Report:
 
 @dataclass(frozen=True, eq=False)
 class TrialData:
-    """What was recorded from the fault on.
+    """Record from the fault on.
 
     Attributes:
         fault_s: when the fault began, on the rig's clock [s].
@@ -93,7 +93,7 @@ class TrialResult:
         return self.detected and self.safe_time_s <= SAFE_WITHIN_S
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; what never happened is None."""
+        """Return plain values for JSON; None for events that did not happen."""
         return {
             key: None if isinstance(value, float) and not np.isfinite(value) else value
             for key, value in asdict(self).items()

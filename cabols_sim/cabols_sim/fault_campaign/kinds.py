@@ -1,4 +1,4 @@
-"""What the campaign makes go wrong; pure."""
+"""Kinds of faults that the campaign causes; pure."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def _row(kind: str, trials: list[dict[str, Any]]) -> dict[str, Any]:
     def values(name: str) -> list[float]:
         return [t[name] if t[name] is not None else np.inf for t in trials]
 
-    # Trials of version 0.1 do not tell it.
+    # Trials of version 0.1 lack it.
     names = sorted({t.get("found_by", "not told") for t in trials if t["detected"]})
     return {
         "kind": kind,

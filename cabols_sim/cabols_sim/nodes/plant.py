@@ -36,9 +36,9 @@ from cabols_sim.plant.plant import Plant
 POSE_EVERY = 4
 """The robot reports its pose every 4 ms; in lockstep every sample has one."""
 POSE_LAG_NS = 20_000_000
-"""In lockstep the clock waits for a robot's pose that is older than this, of the rig's time..."""
+"""Age of the robot's pose beyond which a lockstep clock waits for it, in the rig's time..."""
 POSE_PATIENCE_S = 1.0
-"""...but no longer than this: a robot that fell silent must show."""
+"""...and the longest wait: a silent robot must show."""
 
 
 def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
@@ -114,7 +114,7 @@ class PlantNode(BridgeNode):
         self.create_service(InjectFault, "inject_fault", self._inject)
 
     def safety_config(self) -> SafetyConfig:
-        """Without noise a gauge may well show the same number for long."""
+        """Without noise a gauge may show the same number for long."""
         config = super().safety_config()
         return replace(config, sensor_flat=0.0) if self.quiet else config
 
@@ -164,7 +164,7 @@ class PlantNode(BridgeNode):
         return [self._tension_input]
 
     def missing(self, stamp_ns: int) -> list[Input]:
-        """With a robot, which has its own pace: not the mode, but a pose of the last 20 ms."""
+        """With a robot, which has its own pace, wait for a recent pose instead of the mode."""
         found = super().missing(stamp_ns)
         if self.coupling is None:
             return found
@@ -177,14 +177,14 @@ class PlantNode(BridgeNode):
         return found
 
     def on_inputs(self) -> None:
-        """Take the wrench controller's answer, which is only waited for, and the robot's pose."""
+        """Take the wrench controller's answer, which only paces the clock, and the robot's pose."""
         if self.coupling is not None:
             super().on_inputs()
         if self.lockstep:
             self._tension_input.take()
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
-        """Publish the target's pose, which the bridge knows by itself; or serve the devices."""
+        """Publish the target's pose, which the bridge knows already, or serve the devices."""
         if self._truth is not None:
             self._publish_truth(stamp_ns, sequence)
         if self.coupling is not None:
@@ -213,7 +213,7 @@ class PlantNode(BridgeNode):
             self.coupling.close()
 
     def finished(self) -> bool:
-        """Whether the asked number of steps is done."""
+        """Whether the requested number of steps is done."""
         return 0 < self._steps <= self._sequence
 
 

@@ -1,4 +1,4 @@
-"""A simulated Q8 card around the plant: the same interface as the hardware's back end."""
+"""A simulated Q8 card around the plant, with the interface of the hardware's back end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cabols_hw.card.daq import CardSample
 from cabols_sim.plant.plant import Plant
 
 BUFFER_SAMPLES = 16
-"""So many samples wait for their reader; who is later than that finds the oldest ones lost."""
+"""Most samples that wait for their reader; a later reader loses the oldest ones."""
 
 
 class SimulatedQ8:
@@ -123,7 +123,7 @@ class SimulatedQ8:
             self.plant.enabled = on
 
     def _advance_to(self, plant_ns: int) -> None:
-        """Let the plant's time pass; the card samples at its own instants, whoever else is late."""
+        """Advance the plant's time; the card samples at its own instants, also for a late reader."""
         newest = plant_ns // self._period_ns
         for tick in range(max(self._sampled + 1, newest - BUFFER_SAMPLES + 1), newest + 1):
             self._run_to(tick * self._period_ns)
@@ -132,7 +132,7 @@ class SimulatedQ8:
         self._run_to(plant_ns)
 
     def _run_to(self, plant_ns: int) -> None:
-        """Let the plant's time pass; the card's own watchdog runs on it."""
+        """Advance the plant's time, and the card's own watchdog with it."""
         if self._armed and not self._expired:
             expiry_ns = self._written_ns + self._watchdog_ns
             if plant_ns > expiry_ns:

@@ -37,7 +37,7 @@ PERIOD_S = 0.001
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What happened at each of k samples.
+    """Record of k samples.
 
     Attributes:
         time: (k,) [s].
@@ -122,7 +122,7 @@ def _run(
     cable_wrench(control.matrix, limbs.tension, first)
     dt_s = PERIOD_S / limbs.substeps
     for k in range(desired.shape[0]):
-        # What the bridge does: encoders to elongation, gauges to wrench.
+        # The bridge: encoders to elongation, gauges to wrench.
         for i in range(n):
             counts = limbs.state[i, 0] * sensors.counts_per_metre
             if sensors.adc_step > 0.0:
@@ -146,7 +146,7 @@ def _run(
                     desired[0, row] - measured[row]
                 )
             accumulated[:] = tared
-        # What the controllers do.
+        # The controllers.
         control.work[SHARE] = min((k + 1) * PERIOD_S / control.fade, 1.0)
         record.status[k] = wrench_law_into(
             control.proportional,
@@ -171,7 +171,7 @@ def _run(
             current[i] = control.limbs[i]["law_current"]
         record.wrench[k], record.measured[k] = true, measured
         record.tension[k], record.command[k], record.current[k] = limbs.tension, command, current
-        # What the amplifiers and the limbs do until the next sample.
+        # Amplifiers and limbs until the next sample.
         for i in range(n):
             volt = quantise(current[i] / sensors.amperes_per_volt, sensors.dac_step, 10.0)
             current[i] = volt * sensors.amperes_per_volt

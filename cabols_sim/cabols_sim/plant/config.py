@@ -81,7 +81,7 @@ class LimbPlantConfig:
 
     @property
     def table(self) -> FloatArray:
-        """(n, 10) parameters as the compiled physics wants them; see physics.py."""
+        """(n, 10) parameters of the compiled physics; see limb_physics.py."""
         spring = 1.0 / self.spring_stiffness if self.spring_stiffness > 0.0 else 0.0
         common = [
             self.coulomb_current,
@@ -157,7 +157,7 @@ class PlantConfig:
         in_range("substeps", self.substeps, 1, 100)
 
     def linear(self) -> PlantConfig:
-        """Return the linear plant with the same motors: (3.12) and nothing else.
+        """Return the linear plant (3.12) with the same motors.
 
         No friction, load, backlash, converter steps or noise; the spring never closes, the cable's
         compliance does not depend on its length (10.72 N/mm, so that k_e is 2.20 N/mm).

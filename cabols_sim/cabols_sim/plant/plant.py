@@ -1,4 +1,4 @@
-"""The simulated rig between amplifiers and sensors; pure, advanced by whoever owns the clock."""
+"""The simulated rig between amplifiers and sensors; pure, advanced by the owner of the clock."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cabols_sim.plant.target import RigidTarget, Target
 
 AMPLIFIER_LIMIT_A = 3.82
 PARTED_M = 10.0
-"""A parted cable is so much too long."""
+"""Length added to a parted cable [m]."""
 
 
 @njit(cache=True)
@@ -142,7 +142,7 @@ class Plant:
         _amplify_into(volts, step, gain, self._current)
 
     def advance(self, duration_s: float) -> None:
-        """Let time pass with the present currents."""
+        """Advance the time with the present currents."""
         if not duration_s > 0.0:
             return
         self._time += duration_s
@@ -170,7 +170,7 @@ class Plant:
             self._place()
 
     def inject(self, kind: str, limb: int = -1, value: float = 0.0, duration_s: float = 0.0) -> str:
-        """Let something go wrong from now on, or mend it; see PlantFaults.inject."""
+        """Cause a fault from now on, or mend all; see PlantFaults.inject."""
         said = self.faults.inject(kind, limb, value, duration_s, self._time)
         self._part(self.faults.limbs_with("cable_break"))
         return said
@@ -237,5 +237,5 @@ class Plant:
 
     @property
     def current(self) -> FloatArray:
-        """(n,) currents that the motors are asked for [A]."""
+        """(n,) currents commanded to the motors [A]."""
         return self._current.copy()

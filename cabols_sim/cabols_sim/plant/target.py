@@ -1,4 +1,4 @@
-"""What the platform is fastened to: the seam for a flexible robot."""
+"""The body that holds the platform: interface of the flexible robot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cabols_control.geometry import RigGeometry
 
 
 class Target(Protocol):
-    """Holds the platform; gives way under the cables' wrench, or moves."""
+    """Holds the platform; deflects under the cables' wrench, or moves."""
 
     position: FloatArray
     """(3,) of the platform's origin, base frame [m]."""

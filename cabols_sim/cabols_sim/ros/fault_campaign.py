@@ -1,6 +1,6 @@
 """Executable fault_campaign: every fault, many times, in the loaded simulated rig.
 
-Goes on where it was interrupted; build/faults/trials.jsonl keeps every trial.
+It continues where it was interrupted; build/faults/trials.jsonl holds every trial.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from cabols_sim.ros.rig_watch import AbandonedError, RigError, RigWatch
 
 TRIALS = "trials.jsonl"
 ATTEMPTS = 3
-"""A trial whose rig could not be loaded, or was disturbed before the fault, is tried so often; then
-the whole rig is started anew."""
+"""Most attempts of a trial whose rig could not be loaded, or was disturbed before the fault; after
+them the whole rig is restarted."""
 PATIENCE_S = 15.0
-"""After Ctrl-C a trial may take so long to end."""
+"""Longest end of a trial after Ctrl-C [s]."""
 RIGS = 10
-"""So many rigs in a row without a single trial done, and the campaign gives up.
+"""Most rigs in a row without a completed trial; after them the campaign gives up.
 
 After many kills the middleware may fail to discover a process that was started again.
 """
 
 
 class Campaign:
-    """Runs what is left to do while the graph runs."""
+    """Runs the remaining trials while the graph runs."""
 
     def __init__(self, options: argparse.Namespace, todo: list[tuple[Kind, int]]) -> None:
         """Plan; the folder exists."""

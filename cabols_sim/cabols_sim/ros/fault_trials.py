@@ -18,19 +18,19 @@ from cabols_sim.fault_campaign.kinds import Kind
 from cabols_sim.ros.rig_watch import RigError, RigWatch
 
 LOAD_N = 100.0
-"""The force under which everything goes wrong, in a random direction, with 2 N m about it."""
+"""Force of the load under every fault, in a random direction, with 2 N m about it."""
 TORQUE_NM = 2.0
 LOW_N = 15.0
 DETECT_S = 2.0
-"""Rig's time until a fault counts as undetected."""
+"""Rig's time after which a fault counts as undetected [s]."""
 PRETIGHTEN_S = 10.0
-"""The same for what shows in pre-tightening only."""
+"""The same for faults that show only in pre-tightening [s]."""
 AFTER_S = 0.4
-"""Rig's time that is watched after detection."""
+"""Rig's time that is recorded after detection [s]."""
 RESTART_S = 0.8
-"""Rig's time after which a killed process is started again: longer than any time-out."""
+"""Rig's time after which a killed process is restarted [s]: longer than any time-out."""
 FROZEN_S = 1.0
-"""Wall time for which a process is frozen at least."""
+"""Shortest wall time of a frozen process [s]."""
 
 
 class Trials:
@@ -51,7 +51,7 @@ class Trials:
         self._folder = folder
 
     def run(self, kind: Kind, seed: int) -> TrialResult:
-        """Load the rig, let it happen, watch.
+        """Load the rig, cause the fault, record.
 
         Raises:
             RigError: if the rig could not be loaded: the trial says nothing then.
@@ -73,7 +73,7 @@ class Trials:
         return result
 
     def _keep(self, result: TrialResult, data: TrialData) -> None:
-        """Save what was recorded of a trial that failed, for whoever looks for the reason."""
+        """Save the record of a failed trial, for finding the reason."""
         path = self._folder / f"{result.kind.replace(' ', '_').replace(':', '')}_{result.seed}.npz"
         arrays = {"time": data.time, "tension": data.tension, "current": data.current}
         reports = [f"{r.stamp_s:.6f} {r.node}: {r.reason}" for r in data.reports]
@@ -85,7 +85,7 @@ class Trials:
         watch = self._watch
         watch.inject("none")
         watch.bring_to(OperatingMode.STOPPED)
-        # A cut leaves the load on the gears; free-moving takes it off, faster than tightening.
+        # A cut leaves the load on the gears; free-moving removes it, faster than tightening.
         watch.bring_to(OperatingMode.FREE_MOVING)
         with suppress(RigError):
             watch.wait_unharmed(lambda: watch.tension.max() < LOW_N, "low tension", 2 / self._speed)
@@ -112,7 +112,7 @@ class Trials:
         return path
 
     def _strike(self, kind: Kind, limb: int, value: float, handle: Any) -> float:
-        """Let it happen; return the rig's time of it."""
+        """Cause the fault; return the rig's time of it."""
         watch = self._watch
         if kind.how == "inject" and kind.fault == "egm_bad":
             watch.inject("egm_loss", value=0.3)
@@ -168,12 +168,12 @@ class Trials:
             watch.wait(lambda: watch.newest_s > now_s + AFTER_S, "more samples", 10.0)
 
     def renew(self) -> None:
-        """Start the plant anew: an overload that a cut left on its gears cannot be unloaded."""
+        """Restart the plant: an overload that a cut left on its gears cannot be unloaded."""
         with suppress(ProcessLookupError):
             os.kill(self._pids["plant"], signal.SIGKILL)
         time.sleep(RESTART_S / self._speed)
 
     def _mend(self, kind: Kind) -> None:
-        """Wait until a killed process is there again."""
+        """Wait until a killed process runs again."""
         if kind.how == "kill":
             time.sleep(RESTART_S / self._speed)

@@ -23,7 +23,7 @@ IDLE_S = 30.0
 
 
 class RwsServerError(CabolsError):
-    """The server's port cannot be had."""
+    """The server's port is not available."""
 
 
 class Refusal(Exception):  # noqa: N818
@@ -98,7 +98,7 @@ class RwsResources:
             elif (path, action) == ("/rw/panel/ctrlstate", "setctrlstate"):
                 self._switch(form.get("ctrl-state", ""))
             elif path.startswith("/rw/mastership"):
-                # Implicit mastership does for one client; asking for it is no error.
+                # Implicit mastership suffices for one client; requesting it is no error.
                 return
             else:
                 raise Refusal(404, NO_RESOURCE, f"no such resource: {path}?action={action}")
@@ -216,7 +216,7 @@ class RwsServer:
         )
 
     def start(self) -> None:
-        """Begin to answer."""
+        """Start to answer."""
         self._thread.start()
 
     def stop(self) -> None:

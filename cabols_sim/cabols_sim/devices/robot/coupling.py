@@ -1,4 +1,4 @@
-"""Robot target and device link together: what the plant does for its devices at every sample."""
+"""Robot target and device link: the plant's part for its devices at every sample."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ REACH_M = 1.23
 
 
 class RobotCoupling:
-    """Obeys the devices' commands and tells them the truth.
+    """Carries out the devices' commands and sends them the truth.
 
     Attributes:
         robot: the target.
@@ -34,7 +34,7 @@ class RobotCoupling:
         self.faults = faults
 
     def on_sample(self, time_ns: int, sequence: int) -> None:
-        """Obey at every sample; tell the truth at every fourth, in the card's time [ns]."""
+        """Carry out commands at every sample; send the truth at every fourth; time of the card [ns]."""
         self.robot.disabled = self.faults.has("robot_stopped")
         if self.faults.any or self._runs_away:
             self._run_away()
@@ -44,7 +44,7 @@ class RobotCoupling:
             self._tell(time_ns)
 
     def _run_away(self) -> None:
-        """Begin a motion that nobody asked for, once for each such fault."""
+        """Start an uncommanded motion, once for each such fault."""
         wanted = self.faults.has("platform_runs")
         if wanted and not self._runs_away:
             share = abs(self.faults.value("platform_runs"))

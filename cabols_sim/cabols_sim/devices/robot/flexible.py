@@ -175,11 +175,11 @@ class FlexibleJoints:
         return found
 
     def step(self, jacobian: FloatArray, wrench: FloatArray, dt_s: float) -> None:
-        """Let dt_s pass under a (6,) wrench with the (6, 6) Jacobian of the deflected arm."""
+        """Advance by dt_s under a (6,) wrench with the (6, 6) Jacobian of the deflected arm."""
         share = 1.0 - np.exp(-dt_s / self.lag_s)
         deflect_into(jacobian, wrench, share, *self.tables, self.slip, self.deflection)
 
     @property
     def tables(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Parameters as deflect_into wants them."""
+        """Parameters for deflect_into."""
         return self.linear, self.cubic, self.stiffness, self.friction

@@ -92,7 +92,7 @@ def kinematics_into(
 
 
 class Arm:
-    """The arm where it stands in the rig, with the platform in its hand.
+    """The arm at its place in the rig, with the platform at its flange.
 
     Attributes:
         base_position: (3,) of the robot's base in {0} [m].
@@ -120,7 +120,7 @@ class Arm:
 
     @property
     def frames(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The constant transforms, as kinematics_into wants them."""
+        """The constant transforms for kinematics_into."""
         return self.base_position, self.base_rotation, self.tool_position, self.tool_rotation
 
     def solve(self, joints: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:

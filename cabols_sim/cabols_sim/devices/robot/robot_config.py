@@ -15,7 +15,7 @@ from cabols_sim.devices.robot.flexible import FlexibleJoints
 
 @dataclass(frozen=True, config=STRICT)
 class RobotConfig:
-    """True physics of the robot, and how it moves.
+    """True physics of the robot, and its motions.
 
     Attributes:
         base_position: (3,) robot's base in the rig's base frame [m].

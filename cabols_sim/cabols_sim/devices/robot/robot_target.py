@@ -1,4 +1,4 @@
-"""The robot that holds the platform: a Target that moves and gives way."""
+"""The robot that holds the platform: a Target that moves and deflects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NOWHERE = -1
 """Target index of a robot that stands, or moves, at no stored configuration."""
 
 STILL_RAD = 1e-12
-"""Joints that change by less leave the pose as it is: the cables need not be placed anew."""
+"""Largest change of the joints that leaves the pose as it is, without new cable lengths [rad]."""
 
 
 @njit(cache=True)
@@ -51,7 +51,7 @@ def _settle_into(
 
 
 class RobotTarget:
-    """Flexible-joint robot with stored configurations; encoders do not see the deflection.
+    """Flexible-joint robot with stored configurations; encoders do not measure the deflection.
 
     Attributes:
         position: (3,) true platform origin, {0} [m].
@@ -95,7 +95,7 @@ class RobotTarget:
         self._motion: Motion | None = None
         self._frames = self.arm.frames
         self._tables = self._flexible.tables
-        # Compile, or load, what a step calls: on the first sample it would be seconds late.
+        # Compile or load a step's kernels: the first sample would otherwise be seconds late.
         self.step(np.zeros(6), 1e-3)
 
     @property
@@ -150,7 +150,7 @@ class RobotTarget:
         return True
 
     def stop(self) -> None:
-        """Brake along the path; it then stands nowhere in particular."""
+        """Brake along the path; the robot then stands at no stored configuration."""
         if self._motion is not None:
             self._motion.stop()
 
@@ -181,7 +181,7 @@ class RobotTarget:
             motion.stop()
         motion.advance_into(dt_s, self.encoders, self.joint_speed)
         if motion.finished:
-            # In this order: who reads in another thread must not take a stop for an arrival.
+            # In this order: a reader in another thread must not take a stop for an arrival.
             if not motion.arrived:
                 self.target_index = NOWHERE
             self._motion = None

@@ -1,4 +1,4 @@
-"""Truth about the simulated laser tracker, which its client does not know."""
+"""True values of the simulated laser tracker, unknown to its client."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cabols_hw.tracker.beam import BeamNoise
 
 @dataclass(frozen=True, config=STRICT)
 class DriftConfig:
-    """Slow errors of the instrument: warm-up that dies out, and wandering that does not.
+    """Slow errors of the instrument: a warm-up that decays, and a drift that does not.
 
     Attributes:
         age: time since switch-on when the simulation starts [s].
@@ -53,7 +53,7 @@ class DriftConfig:
 
 @dataclass(frozen=True, config=STRICT)
 class TrackerTruthConfig:
-    """The simulated tracker and where it and the reflectors truly are.
+    """The simulated tracker, and the true places of it and the reflectors.
 
     Attributes:
         reflectors: a row for each reflector, in platform axes [m].
@@ -129,7 +129,7 @@ class TrackerTruthConfig:
 def load_tracker_truth(
     rig: str | Path | RigFolder = "", path: str | Path | None = None
 ) -> TrackerTruthConfig:
-    """Read the truth about a rig's simulated tracker; nominal where the file does not say.
+    """Read the true values of a rig's simulated tracker; nominal where the file has none.
 
     Args:
         rig: name or folder, see find_rig; empty: the reference bench.

@@ -1,4 +1,4 @@
-"""Physics of the simulated laser tracker: what the beam sees, when it breaks, what it measures.
+"""Physics of the simulated laser tracker: visibility, broken beam, measurement.
 
 Pure: time and the platform's true motion come in as arguments.
 """
@@ -92,7 +92,7 @@ class TrackerModel:
         points = (origin + self.config.reflector_points @ turn.T) @ frame
         elapsed_s = 0.0 if self._time_ns is None else 1e-9 * (time_ns - self._time_ns)
         if self._time_ns is None or elapsed_s < 0.0:
-            # The first look, or the rig was started anew.
+            # The first observation, or the rig was restarted.
             self.locked, self.loss = None, Loss.NOT_FOUND
             self._start_ns = time_ns
             self._speeds = np.full(len(points), float(speed))
@@ -128,7 +128,7 @@ class TrackerModel:
         return self.loss
 
     def search_time(self, radius_m: float) -> float:
-        """How long a spiral over a radius takes [s]."""
+        """Duration of a spiral over a radius [s]."""
         return float(np.pi * radius_m**2 / self.config.search_speed)
 
     def sample(self) -> FloatArray:
@@ -139,7 +139,7 @@ class TrackerModel:
         )
 
     def point(self) -> FloatArray:
-        """(3,) where the locked reflector truly is, in the tracker's frame [m]."""
+        """(3,) true position of the locked reflector, in the tracker's frame [m]."""
         if self.locked is None:
             raise ShapeError(f"beam: expected a locked one, got none ({self.loss.value})")
         return np.asarray(self._points[self.locked])
@@ -164,7 +164,7 @@ class TrackerModel:
         floor = self.config.averaging_floor**2
         middle = path.mean(axis=0)
         single = path + self._noisy(middle, samples, 1.0 - floor)
-        # What averaging does not remove stays the same during a measurement.
+        # The part that averaging does not remove stays constant during a measurement.
         mean = single.mean(axis=0) + self._noisy(middle, 1, floor)[0]
         mean = mean + self._offset(middle, 0.5 * float(times[0] + times[-1]))
         scatter = single - single.mean(axis=0)

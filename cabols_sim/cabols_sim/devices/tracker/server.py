@@ -1,7 +1,7 @@
 """The simulated laser tracker's server: tracker.proto on the simulated rig.
 
-Time is the rig's: what takes a second takes a second of the truth's time_ns, however fast or slowly
-the rig runs, within a limit of wall time.
+Time is the rig's: a second is a second of the truth's time_ns, at whatever speed the rig runs,
+within a limit of wall time.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cabols_sim.devices.tracker.model import Loss, TrackerModel
 from cabols_sim.devices.tracker.watch import Truth, Watch
 
 _ANSWER_MARGIN_S = 0.5
-"""Kept of the caller's deadline, so that it gets the reason and not just DEADLINE_EXCEEDED."""
+"""Reserve of the caller's deadline [s], for the reason in place of a bare DEADLINE_EXCEEDED."""
 
 
 class TrackerServer:
@@ -51,7 +51,7 @@ class TrackerServer:
         add_LaserTrackerServicer_to_server(_Service(self._watch, config), self._server)
 
     def start(self) -> int:
-        """Listen.
+        """Open the port.
 
         Returns:
             The port.
@@ -168,7 +168,7 @@ class _Service(LaserTrackerServicer):  # type: ignore[misc]
     def _averaged(self, path: list[tuple[int, FloatArray]], seconds: float, rate: float) -> Any:
         times = np.array([entry[0] for entry in path])
         points = np.array([entry[1] for entry in path])
-        # The last look may come late: no more than the time that was asked for is averaged.
+        # The last observation may be late: only the requested time is averaged.
         end = times[0] + round(1e9 * seconds)
         last = np.array([np.interp(end, times, points[:, axis]) for axis in range(3)])
         before = times < end
@@ -205,7 +205,7 @@ class _Service(LaserTrackerServicer):  # type: ignore[misc]
             self._one_call.release()
 
     def _pass_time(self, seconds: float, until: float, context: Any, beam: bool = False) -> None:
-        """Let the rig's time pass; with beam, refuse as soon as that breaks."""
+        """Wait for the rig's time to pass; with beam, refuse as soon as it breaks."""
         model, watch = self._model, self._watch
         if not watch.wait(lambda: model.time_ns is not None, until, context):
             raise _RefusedError("REASON_NOT_READY", "the simulated rig does not run; start it")

@@ -1,4 +1,4 @@
-"""The simulated tracker's look at the rig: a thread that never stops looking."""
+"""The simulated tracker's observation of the rig: a thread that runs without pause."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BUSY_PERIOD_S = 0.001
 
 
 class Truth(Protocol):
-    """Where the platform truly is."""
+    """Source of the platform's true motion."""
 
     def newest(self) -> Any:
         """Newest record: time_ns, position (3,) [m], rotation (3, 3), speed [m/s], beam_blocked.
@@ -27,7 +27,7 @@ class Truth(Protocol):
 
 
 class Watch:
-    """Shows the truth to the model, all the time: the beam also breaks when nobody measures.
+    """Feeds the truth to the model at all times: the beam also breaks between measurements.
 
     Attributes:
         model: touched with `news` held, only.
@@ -56,7 +56,7 @@ class Watch:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and whoever waits."""
+        """End the thread and all waits."""
         self.stopping.set()
         with self.news:
             self.news.notify_all()
@@ -70,7 +70,7 @@ class Watch:
     def _look_safely(self) -> None:
         try:
             self._look()
-        except Exception as error:  # any: a dead thread would leave a beam that never breaks
+        except Exception as error:  # any error: without the thread the beam would never break
             with self.news:
                 self.fault = f"{type(error).__name__}: {error}"
                 self.model.locked, self.model.loss = None, Loss.UNKNOWN
