@@ -1,4 +1,4 @@
-"""What can go wrong with a campaign."""
+"""Errors of a campaign."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from cabols_control.errors import CabolsError
 
 
 class CampaignError(CabolsError):
-    """A campaign, or its data, cannot be used; says what was expected, what came, what helps."""
+    """A campaign, or its data, cannot be used; the message says what was expected and what came."""

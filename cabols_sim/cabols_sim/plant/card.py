@@ -123,7 +123,7 @@ class SimulatedQ8:
             self.plant.enabled = on
 
     def _advance_to(self, plant_ns: int) -> None:
-        """Advance the plant's time; the card samples at its own instants, also for a late reader."""
+        """Advance the plant's time; the card samples at its own instants in any case."""
         newest = plant_ns // self._period_ns
         for tick in range(max(self._sampled + 1, newest - BUFFER_SAMPLES + 1), newest + 1):
             self._run_to(tick * self._period_ns)

@@ -1,7 +1,7 @@
-"""The flowchart of figure 4.5, as a generator: it yields requests and is sent the replies.
+"""The flowchart of figure 4.5, as a generator that yields requests and receives the replies.
 
-It knows nothing of clocks, topics or files. Whoever drives it carries out each request; an abort is
-the generator's close(), after which the driver unloads. Started with the loads that an earlier run
+It has no clock, topic or file. Its driver carries out each request; an abort is the generator's
+close(), after which the driver unloads. Started with the loads that an earlier run
 has finished, it goes on behind them: with a motion, new zeros and a new unloaded reference, as
 everything else may have changed, and through the stops of a way that lead to a pending one, as a
 hysteretic robot remembers them.
@@ -34,12 +34,12 @@ Answer: TypeAlias = Generator[Request, Reply, Reply]
 
 
 class Flow:
-    """One campaign, from wherever it stands to its end.
+    """One campaign, from its present state to its end.
 
     Attributes:
         finished: loads that were measured, in this run or before.
         skipped: loads given up in this run.
-        enough: whether the accuracy asked for was reached.
+        enough: whether the requested accuracy was reached.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Flow:
         yield Finish()
 
     def _pending(self, configuration: int, reflector: int, trajectory: list[Point]) -> list[Point]:
-        """Stops that are neither measured nor given up; none if only references are left."""
+        """Return the stops neither measured nor given up; none if only references are left."""
         found = [
             point
             for point in trajectory
@@ -149,7 +149,7 @@ class _Pass:
             if self._done:
                 return
             if leg[0].branch == REFERENCE:
-                # Measured before, by a run that was cut, but loads of this run need one of theirs.
+                # An interrupted run measured a reference, but the loads of this run need their own.
                 if self._open(leg) or self._loads_since:
                     yield from self._measure_reference(leg[0])
                 continue
@@ -167,14 +167,14 @@ class _Pass:
         if reply.ok:
             reply = yield from self._measure(point)
         if not reply.ok:
-            # Loads are worth measuring all the same: their offset is estimated with the stiffness.
+            # Loads are useful without it: their offset is estimated with the stiffness.
             yield from self._skip([point], reply.reason)
         self._referenced, self._loads_since = True, False
         if reply.pause:
             yield from self._pause()
 
     def _way(self, leg: list[Point]) -> Steps:
-        """Go up, and down, as far as something is left; ends early for a pause."""
+        """Go up and down as far as loads are left; ends early for a pause."""
         last = max(leg.index(point) for point in self._open(leg))
         for number, point in enumerate(leg[: last + 1]):
             reply = yield from self._stand(point)
@@ -194,7 +194,7 @@ class _Pass:
                 return
 
     def _stand(self, point: Point) -> Answer:
-        """Apply a load, again if it does not stand."""
+        """Apply a load; repeat if it does not settle."""
         for attempt in range(self._plan.retries + 1):
             reply = yield Apply(self._key(point), point)
             if reply.ok or reply.hopeless or attempt == self._plan.retries:
@@ -222,5 +222,5 @@ class _Pass:
 
     def _pause(self) -> Steps:
         yield Rest()
-        # Long enough for everything to drift.
+        # A pause is long enough for drift.
         self._referenced = False

@@ -1,9 +1,9 @@
-"""A campaign's folder: what was asked, what was measured so far, what was given up; survives cuts.
+"""A campaign's folder: plan, finished loads, log of failures; survives interruptions.
 
-`campaign.yaml` what was asked, `samples.csv` a line for each finished load, `log.csv` what was
-tried again or skipped and why, `bags/NNNN` a bag for each run. A line is on the disk before the
-campaign goes on; the last one may be cut by a power failure and is then dropped, as its load was
-not finished.
+`campaign.yaml` holds the plan, `samples.csv` a line for each finished load, `log.csv` every retried
+or skipped load with its reason, `bags/NNNN` a bag for each run. A line is on the disk before the
+campaign continues; a last line that a power failure has cut is dropped, as its load was not
+finished.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LOG_COLUMNS = ("time_ns", "what", *INDICES, "reason")
 
 
 class Table:
-    """A CSV file that only grows, line by line, each on the disk before append() returns."""
+    """A CSV file to which lines are appended; each is on the disk before append() returns."""
 
     def __init__(self, path: Path, header: Sequence[str]) -> None:
         """Open or create; a last line without its end is dropped.
@@ -90,14 +90,14 @@ class Journal:
 
     Attributes:
         folder: where it is.
-        plan: what was asked.
+        plan: of the campaign.
         loads: finished so far, in order.
     """
 
     def __init__(
         self, folder: str | Path, campaign: str | Path = "", rig: str | Path | RigFolder = ""
     ) -> None:
-        """Begin a campaign, or go on with the one that is in the folder.
+        """Start a campaign, or continue the one in the folder.
 
         Args:
             folder: of the campaign; created if it is missing.
@@ -129,7 +129,7 @@ class Journal:
             raise
 
     def _adopt(self, campaign: str | Path, rig: str | Path | RigFolder) -> CampaignPlan:
-        """Take the folder's campaign; put the one asked for there if it is new."""
+        """Return the folder's campaign; store the requested one there if the folder has none."""
         own = self.folder / PLAN
         if not own.exists():
             plan = load_plan(campaign, rig)
@@ -162,7 +162,7 @@ class Journal:
 
     @property
     def next_group(self) -> int:
-        """A number that no pass has had."""
+        """First unused number of a pass."""
         return 1 + max((load.group for load in self.loads), default=-1)
 
     def bags(self) -> list[Path]:
@@ -180,7 +180,7 @@ class Journal:
         self.loads.append(load)
 
     def adopt(self, loads: Iterable[MeasuredLoad]) -> int:
-        """Save loads that a cut run had put into its bag, but not here yet; return how many."""
+        """Save loads that are only in the bag of an interrupted run; return their number."""
         known = {(load.group, load.load) for load in self.loads}
         missing = [load for load in loads if (load.group, load.load) not in known]
         for load in missing:
@@ -188,13 +188,13 @@ class Journal:
         return len(missing)
 
     def tell(self, time_ns: int, what: str, keys: Iterable[LoadKey], reason: str) -> None:
-        """Save what was tried again or skipped; one line for each load."""
+        """Log retried or skipped loads; one line for each."""
         for key in keys:
             cells = (time_ns, what, key.configuration, key.reflector, key.load, reason)
             self._log.append([str(cell) for cell in cells])
 
     def close(self) -> None:
-        """Let others write there."""
+        """Release the folder for other writers."""
         self._samples.close()
         self._log.close()
         self._lock.close()
@@ -212,7 +212,7 @@ def read_samples(folder: str | Path, skip: int = 0) -> list[MeasuredLoad]:
 
     Args:
         folder: of the campaign.
-        skip: so many of the first.
+        skip: number of first loads to leave out.
 
     Raises:
         CampaignError: if a line cannot be used.
@@ -225,7 +225,7 @@ def read_samples(folder: str | Path, skip: int = 0) -> list[MeasuredLoad]:
 
 
 def read_log(folder: str | Path) -> list[dict[str, str]]:
-    """What was tried again or skipped, by LOG_COLUMNS, also where version 0.1 wrote it."""
+    """Return the rows of log.csv by LOG_COLUMNS, also of a folder of version 0.1."""
     path = Path(folder) / LOG
     if not path.exists():
         return []
@@ -237,7 +237,7 @@ def read_log(folder: str | Path) -> list[dict[str, str]]:
 
 
 def _write_durably(path: Path, text: str) -> None:
-    """Write a file that is whole or not there, whatever happens."""
+    """Write a file atomically: it is complete or absent."""
     draft = path.with_name(path.name + ".new")
     with draft.open("w", encoding="utf-8") as stream:
         stream.write(text)

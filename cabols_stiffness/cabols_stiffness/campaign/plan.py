@@ -1,4 +1,4 @@
-"""What a campaign is to do: campaign.yaml, checked."""
+"""The plan of a campaign: campaign.yaml, checked."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ class TensionPath:
 
 @dataclass(frozen=True, config=STRICT)
 class Settling:
-    """When a load stands: means over two neighbouring windows of time differ by no more than this.
+    """When a load has settled: limits of the difference between means over two successive windows.
 
     Attributes:
         window: [s].
         force: [N].
         torque: [N m].
-        tension: every limb's estimate is as near to what is asked for [N].
-        timeout: it may take so long after the tensions have been reached [s].
+        tension: largest distance of a limb's estimate from its setpoint [N].
+        timeout: longest settling after the tensions were reached [s].
     """
 
     window: float = 0.04
@@ -92,22 +92,22 @@ class Point:
 
 @dataclass(frozen=True, config=STRICT)
 class CampaignPlan:
-    """What a campaign is to do.
+    """The plan of a campaign.
 
     Attributes:
         rig: see MeasuringRig.
         configurations: of the robot, in this order.
         reflectors: of the tracker, in this order, at every configuration.
         paths: tensions at every configuration.
-        validation_configurations: where the prediction is compared with other loads, at the end.
+        validation_configurations: of the comparison of prediction and other loads, at the end.
         validation_paths: those loads.
-        reference_every: so many paths between two unloaded references.
+        reference_every: number of paths between two unloaded references.
         averaging_time: of a measurement [s].
-        tension_rate: how fast the tensions change [N/s].
+        tension_rate: rate of the tensions [N/s].
         settling: see Settling.
         steady_force: largest standard deviation of a force during a measurement [N].
         steady_torque: likewise of a torque [N m].
-        retries: of what fails; then it is skipped.
+        retries: of a failed step, which is then skipped.
         accuracy: stop when every joint's relative standard deviation is below it; 0: never.
         model: of the running estimate: linear, cubic or as_published.
         wrench_limit: (6,) largest wrench on the platform; a load beyond it is skipped [N, N m].
@@ -175,7 +175,7 @@ class CampaignPlan:
         return len(self.paths[0].peak)
 
     def is_validation(self, configuration: int) -> bool:
-        """Whether a configuration's loads are kept out of the identification."""
+        """Whether a configuration's loads are excluded from the identification."""
         return configuration in self.validation_configurations
 
     def stops(self, rest_tension: float) -> list[tuple[int, list[Point]]]:

@@ -1,4 +1,4 @@
-"""What the campaign's flow asks of the rig, and what the rig answers."""
+"""Requests of the campaign's flow, and the rig's replies."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class BeginLoading:
 
 @dataclass(frozen=True, eq=False)
 class Apply:
-    """Bring the tensions to a stop of the trajectory and wait until the load stands."""
+    """Bring the tensions to a stop of the trajectory and wait until the load has settled."""
 
     key: LoadKey
     point: Point
@@ -47,7 +47,7 @@ class Apply:
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """Measure the reflector under the load that stands, and save it.
+    """Measure the reflector under the settled load, and save it.
 
     Attributes:
         key: of the load.
@@ -62,7 +62,7 @@ class Measure:
 
 @dataclass(frozen=True)
 class Tell:
-    """Write down what was tried again or given up, and why.
+    """Log retried or skipped loads with the reason.
 
     Attributes:
         what: "retried" or "skipped".
@@ -77,7 +77,7 @@ class Tell:
 
 @dataclass(frozen=True)
 class Rest:
-    """Bring the tensions down and wait until the operator lets the campaign go on."""
+    """Bring the tensions down and wait until the operator resumes the campaign."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,13 @@ Request: TypeAlias = Move | Pretighten | BeginLoading | Apply | Measure | Tell |
 
 @dataclass(frozen=True)
 class Reply:
-    """How a request went.
+    """Outcome of a request.
 
     Attributes:
         reason: why it failed; empty if it did not.
-        pause: the operator wants a pause.
-        enough: the estimate is as accurate as was asked for.
-        hopeless: trying again is of no use, such as a load beyond the limits.
+        pause: the operator has requested a pause.
+        enough: the estimate has the requested accuracy.
+        hopeless: a retry is useless, e.g. for a load beyond the limits.
     """
 
     reason: str = ""
@@ -106,5 +106,5 @@ class Reply:
 
     @property
     def ok(self) -> bool:
-        """Whether it went well."""
+        """Whether it succeeded."""
         return not self.reason

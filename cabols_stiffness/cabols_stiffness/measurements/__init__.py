@@ -1,1 +1,1 @@
-"""What a stiffness test measured, as arrays."""
+"""Measurements of a stiffness test, as arrays."""

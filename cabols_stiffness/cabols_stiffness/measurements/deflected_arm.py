@@ -1,7 +1,7 @@
-"""What a first result makes better about the data: small errors that the deflection itself causes.
+"""Corrections of the data by a first result, for small errors that the deflection itself causes.
 
-Neither is large (a tenth of a percent on the bench), but both are larger than what a good campaign
-leaves of the noise, so intervals are honest only without them.
+Both are small (a tenth of a percent on the bench) but larger than the noise that a good campaign
+leaves, so that intervals are valid only after the correction.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cabols_stiffness.model.screws import turn
 def loaded_posture(
     robot: RobotModel, joints: ArrayLike, wrench: ArrayLike, parameters: ArrayLike
 ) -> Posture:
-    """Where the tool really is under small wrenches, such as at the unloaded references.
+    """Compute the tool's true poses under small wrenches, such as at the unloaded references.
 
     The least tension of the cables turns the bench's wrist by some 0.1 mrad. Register the tracker
     with these poses, not with the encoders': a rotation of the tracker's frame mixes the large
@@ -48,10 +48,10 @@ def without_tool_weight(
     weight: float,
     centre: ArrayLike = (0.0, 0.0, 0.0),
 ) -> PointSamples:
-    """Take the tool's weight off the readings in the tool's true orientation.
+    """Subtract the tool's weight from the readings in the tool's true orientation.
 
-    The rig's bridge takes it off with the orientation that the encoders tell. Under a load the
-    tool is turned, and what is left over, weight times angle, looks like a load.
+    The rig's bridge subtracts it in the orientation of the encoders. A load turns the tool, and
+    the remainder, weight times angle, looks like a load.
 
     Args:
         points: as measured.

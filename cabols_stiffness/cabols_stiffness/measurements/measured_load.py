@@ -1,4 +1,4 @@
-"""One load as it was measured, before anything is made of it."""
+"""One load as it was measured, unprocessed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class MeasuredLoad:
         branch: 1 loading, -1 unloading, 0 reference.
         begin_ns: of the window that was averaged, the rig's time [ns].
         end_ns: likewise.
-        tension: (n,) asked of the limbs [N].
+        tension: (n,) setpoints of the limbs [N].
         average: of wrench and joints in that window.
         position: (3,) of the reflector, tracker's frame [m].
         position_covariance: (3, 3) likewise [m^2].
@@ -103,7 +103,7 @@ def from_cells(cells: Sequence[str], limbs: int) -> MeasuredLoad:
         limbs: number of the rig's limbs.
 
     Raises:
-        CampaignError: if it is none.
+        CampaignError: if the cells are no such line.
     """
     expected = len(columns(limbs))
     if len(cells) != expected:

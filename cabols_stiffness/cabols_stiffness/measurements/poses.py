@@ -1,6 +1,6 @@
-"""6-DOF deflections of the tool from three passes of the reflectors, as the source makes them.
+"""6-DOF deflections of the tool from three passes of the reflectors, as in the source.
 
-For tables, figures and comparison with the source; `identify` does better with the points.
+For tables, figures and comparison with the source; `identify` is more accurate with the points.
 """
 
 from __future__ import annotations

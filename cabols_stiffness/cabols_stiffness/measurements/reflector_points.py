@@ -1,4 +1,4 @@
-"""From measured loads to what `identify` takes: points in the robot's base, and wrenches."""
+"""Conversion of measured loads to the input of `identify`: points in the robot's base, wrenches."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ REPEATABILITY = np.diag([4e-5] * 3 + [9e-5] * 3) ** 2
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Where tracker and reflectors are.
+    """Places of tracker and reflectors.
 
     Attributes:
         position: (3,) of the tracker in the robot's base [m].
         rotation: (3, 3) from tracker to base axes.
         reflectors: (r, 3) in platform axes [m].
-        residual: root mean square distance of the references from where the robot says [m]; NaN
+        residual: root mean square distance of the references from the robot's poses [m]; NaN
             for nominal frames.
         poses: configurations that they were registered from; 0: nominal.
     """
@@ -103,7 +103,7 @@ def frames_of(
             solve_reflectors=True,
         )
     except RegistrationError:
-        # Poses that are too much alike tell nothing better than the nominal values.
+        # Poses that are too similar give nothing better than the nominal values.
         return nominal
     if not found.converged:
         return nominal
@@ -125,7 +125,7 @@ def to_points(loads: Sequence[MeasuredLoad], frames: Frames) -> PointSamples:
 
     Raises:
         CampaignError: if there are none.
-        ShapeError: if a covariance is none.
+        ShapeError: if a covariance is not valid.
     """
     if not loads:
         raise CampaignError("loads: expected at least one finished load, got none")

@@ -1,15 +1,15 @@
-"""What a stiffness campaign measures: `PointSamples`, and poses made of them: `Samples`.
+"""Measurements of a stiffness campaign: `PointSamples`, and poses made of them: `Samples`.
 
 The tracker sees one reflector at a time, so the three reflectors see three passes of the same
-load, each under a slightly different wrench. A pose registered from them mixes the three. So the
-rig's campaign keeps *points*, each with the wrench of its own pass, and identification takes them
-as they are. Two more things are better left to identification than done to the data:
+load, each under a slightly different wrench. A pose registered from them mixes the three. The
+rig's campaign therefore keeps *points*, each with the wrench of its own pass, and identification
+uses them as they are. Two more steps belong to identification instead of the data:
 
 - The unloaded reference is not subtracted. It is a sample like any other (branch 0), with the
   small wrench that the cables' least tension makes. Samples of one group (one stay of the robot,
   one pass over one reflector) share an unknown offset and an unknown linear drift, estimated with
   the stiffness. A difference to a measured reference would carry the reference's noise into all
-  loads, correlated; and the offset absorbs what else is constant: the robot's absolute accuracy,
+  loads, correlated; and the offset absorbs other constants: the robot's absolute accuracy,
   the sensor's tare, the tracker's registered position.
 - The wrench stays in the axes in which the sensor measures it: the tool's, which turn with the
   deflection (7 mrad under 15 N m at joint 6 turn 100 N by 0.7 N).

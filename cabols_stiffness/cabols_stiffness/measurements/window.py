@@ -1,4 +1,4 @@
-"""The newest samples of a stream, and what a window of time of them says."""
+"""The newest samples of a stream, and their averages over a window of time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cabols_stiffness.errors import CampaignError
 
 Stamps = npt.NDArray[np.int64]
 FEWEST = 5
-"""Samples of the wrench that a window must have; of the joints one will do."""
+"""Fewest samples of the wrench in a window; one of the joints suffices."""
 
 
 class Rolling:

@@ -1,4 +1,4 @@
-"""Node: joint commands that make up for the robot's giving way; service correct_joints."""
+"""Node: joint commands that compensate the robot's deflection; service correct_joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Executable run_campaign: begins a campaign, or goes on with one; shows it; Ctrl-C aborts it."""
+"""Executable run_campaign: starts or continues a campaign and shows it; Ctrl-C aborts it."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from cabols_control.ros import transport
 from cabols_control.topics import NAMESPACE
 
 START_S = 180.0
-"""The nodes must run within this; a first start compiles for a minute or two."""
+"""Longest start of the nodes [s]; a first start compiles for a minute or two."""
 RETRY_S = 0.5
 END_S = 8.0
-"""A campaign that is aborted may take so long to unload."""
+"""Longest unloading of an aborted campaign [s]."""
 LINE_S = 5.0
 SPIN_S = 0.1
 
 
 class Client:
-    """Sends the goal and shows what comes back."""
+    """Sends the goal and shows the feedback."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         """Join the graph."""
@@ -46,7 +46,7 @@ class Client:
         self._client = ActionClient(self._node, RunStiffnessTest, "run_stiffness_test")
 
     def interrupt(self, *_: object) -> None:
-        """Ask for the end."""
+        """Request the end."""
         self._ended = True
 
     def run(self) -> int:

@@ -38,14 +38,14 @@ from cabols_stiffness.ros.operator import Operator
 FEEDBACK_S = 0.2
 STATUS_EVERY = 5
 END_S = 8.0
-"""The rig may take so long to come to rest when the node ends."""
+"""Longest time for the rig to come to rest when the node ends [s]."""
 
 
 class StiffnessCampaignNode(ControlNode):
-    """One campaign at a time; everything that lasts is in its folder."""
+    """Runs one campaign at a time; all lasting data are in its folder."""
 
     def __init__(self) -> None:
-        """Advertise the action, the services, and what the campaign asks of the limbs."""
+        """Advertise the action, the services and the tension setpoints."""
         super().__init__("stiffness_campaign")
         self._folder = declare(
             self, "campaign_folder", "", "of campaigns that name none; empty: campaigns/<time>"
@@ -71,7 +71,7 @@ class StiffnessCampaignNode(ControlNode):
         self._shown_folder = ""
         self._turns = 0
         self._refusal = ""
-        # Compile, or load, what judges a load, for arrays as a pose has them: not read-only ones.
+        # Compile or load the kernels that judge a load, for writable arrays as a pose has them.
         geometry = self.rig.geometry
         structure_matrix(geometry, np.array(geometry.reference_position), np.eye(3))
         for name, callback in (
@@ -91,7 +91,7 @@ class StiffnessCampaignNode(ControlNode):
         )
 
     def begin(self) -> None:
-        """Start listening."""
+        """Start the intake."""
         super().begin()
         self._intake.start()
         self._tell_status()
@@ -109,7 +109,7 @@ class StiffnessCampaignNode(ControlNode):
 
     @property
     def failure(self) -> BaseException | None:
-        """What ended the intake."""
+        """Return the error that ended the intake."""
         return self._intake.failure
 
     def _lead(self) -> None:
@@ -192,7 +192,7 @@ class StiffnessCampaignNode(ControlNode):
             journal.close()
 
     def _reconcile(self, journal: Journal) -> int:
-        """Complete bags of runs that were cut; take over loads that only their bags have."""
+        """Complete the bags of interrupted runs; adopt loads that only their bags hold."""
         saved = 0
         for bag in journal.bags():
             if any(bag.glob("*.mcap")) and not (bag / METADATA).exists() and recover(bag).changed:
@@ -221,7 +221,7 @@ class StiffnessCampaignNode(ControlNode):
         self.get_logger().info(
             f"campaign {journal.folder}: {run.standing.done} of {run.standing.total} loads done"
         )
-        # The identifier must know the folder before the first load is told.
+        # The identifier must know the folder before the first load is published.
         self._run = run
         self._tell_status()
         self._thread = threading.Thread(target=run.run, name="campaign", daemon=True)
@@ -229,7 +229,7 @@ class StiffnessCampaignNode(ControlNode):
         return run
 
     def _accurate(self) -> bool:
-        """Whether the newest estimate is as accurate as was asked for."""
+        """Whether the newest estimate has the requested accuracy."""
         estimate = self._estimate
         return (
             self._accuracy > 0.0

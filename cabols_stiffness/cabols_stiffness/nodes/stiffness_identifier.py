@@ -1,4 +1,4 @@
-"""Node: the stiffness known so far, after every load of a campaign."""
+"""Node: estimate of the stiffness after every load of a campaign."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ REPORT_S = 0.5
 
 
 class StiffnessIdentifierNode(ControlNode):
-    """Reads each load from the campaign's folder, where it is on the disk before it is told.
+    """Reads each load from the campaign's folder, where it is stored before it is published.
 
-    So nothing is lost if this node, or the campaign, is killed, and every estimate is from just the
-    numbers that an analysis of the folder finds.
+    So no load is lost if this node or the campaign is killed, and every estimate uses exactly the
+    numbers that an analysis of the folder uses.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class StiffnessIdentifierNode(ControlNode):
             self._complain(error)
 
     def end(self) -> None:
-        """End an analysis under way."""
+        """End a running analysis."""
         self._reports.close()
 
     def _hear_load(self, message: StiffnessLoad) -> None:

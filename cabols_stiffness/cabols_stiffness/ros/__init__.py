@@ -1,1 +1,1 @@
-"""What touches rclpy besides the nodes."""
+"""Parts besides the nodes that use rclpy."""

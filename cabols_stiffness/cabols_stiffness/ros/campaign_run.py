@@ -1,4 +1,4 @@
-"""One run of a campaign: carries out what the flow asks for, on the real graph."""
+"""One run of a campaign: carries out the flow's requests on the real graph."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ from cabols_stiffness.ros.leader import TensionLeader
 from cabols_stiffness.ros.operator import InterruptedCampaignError, Operator
 
 CALM_S = 0.5
-"""Of the rig's time, before anything moves: the sensor's tare."""
+"""Pause before any motion, for the sensor's tare, in the rig's time [s]."""
 MODE_S = 10.0
-"""Of the rig's time, for any change of mode."""
+"""Longest change of mode, in the rig's time [s]."""
 BEHIND_S = 2.0
-"""Of the rig's time, for the last samples of a window to arrive."""
+"""Longest wait for the last samples of a window, in the rig's time [s]."""
 PAUSE_S = 1e9
 
 
@@ -56,7 +56,7 @@ NOWHERE = LoadKey(0, 0, 0)
 
 @dataclass
 class Standing:
-    """Where a run stands, for feedback and status."""
+    """Progress of a run, for feedback and status."""
 
     phase: str = "starting"
     key: LoadKey = NOWHERE
@@ -71,10 +71,10 @@ class CampaignRun:
     """Drives a Flow to its end.
 
     Attributes:
-        standing: where it is.
+        standing: its progress.
         reason: why it did not come to its end, for people; empty if it did.
         code: how it ended; UNKNOWN while it runs.
-        aborted: whether that was asked for.
+        aborted: whether an abort was requested.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class CampaignRun:
 
     @property
     def paused(self) -> bool:
-        """Whether a pause is asked for."""
+        """Whether a pause is requested."""
         return not self._resume.is_set()
 
     def abort(self, reason: str) -> None:
@@ -149,7 +149,7 @@ class CampaignRun:
             self._leave()
 
     def _leave(self) -> None:
-        """Bring the rig to rest, if it still listens."""
+        """Bring the rig to rest, if it still answers."""
         self._leader.silence()
         self._operator.forget_abort()
         if self._intake.mode in (OperatingMode.FAULT, OperatingMode.STOPPED, None):
@@ -273,8 +273,8 @@ class CampaignRun:
             self._announce(message)
             return Reply(str(error))
         message.success = True
-        # First the bag, then the table: what is in neither is measured again, and what a cut leaves
-        # in the bag alone is found there.
+        # First the bag, then the table: a load in neither is measured again, and a load that an
+        # interruption leaves in the bag alone is found there.
         self._announce(message)
         self._journal.add(load)
         self._publish(message)
@@ -339,7 +339,7 @@ class CampaignRun:
         )
 
     def _announce(self, message: StiffnessLoad) -> None:
-        """Put a load into the bag, safe against kill -9; tell a failed one at once."""
+        """Write a load to the bag, safe against kill -9; publish a failed one at once."""
         set_time(message.header.stamp, max(self._intake.now_ns, 0))
         bag = self._intake.bag
         if bag is not None:
@@ -357,7 +357,7 @@ class CampaignRun:
 
     def _tell(self, request: Tell) -> Reply:
         standing = self.standing
-        # A configuration that is tried again concerns all its loads, and needs one line.
+        # A retried configuration concerns all its loads and needs one line.
         told = request.keys if request.what == "skipped" else request.keys[:1]
         self._journal.tell(time.time_ns(), request.what, told, request.reason)
         if request.what == "skipped":

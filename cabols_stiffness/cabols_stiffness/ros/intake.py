@@ -1,4 +1,4 @@
-"""What a campaign hears of the rig: newest states, rolling streams, and all of it in a bag."""
+"""A campaign's inputs from the rig: newest states, rolling streams, all recorded in a bag."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from cabols_stiffness.measurements.window import Rolling
 GATHER_S = 0.01
 IDLE_NS = 50_000_000
 DEPTH = 4000
-"""Every sample counts, also when this process is late itself."""
+"""Depth of the queue: no sample may be lost, also when this process is late."""
 KEPT_WRENCHES, KEPT_JOINTS = 120_000, 40_000
 FLUSH_S = 0.5
 RECORDED = {
@@ -37,7 +37,7 @@ RECORDED = {
     "stiffness_load": "cabols_msgs/msg/StiffnessLoad",
     "stiffness_estimate": "cabols_msgs/msg/StiffnessEstimate",
 }
-"""What an analysis needs, and what the campaign found meanwhile; `recorder` records everything."""
+"""Topics of an analysis, and the campaign's own results; `recorder` records everything."""
 
 
 class CampaignBag:
@@ -63,7 +63,7 @@ class CampaignBag:
         self._waiting.append((received_ns, topic, sent_ns or received_ns, raw))
 
     def write(self, flush: bool = False) -> None:
-        """Write what waits; twice a second, or on demand, save it against kill -9."""
+        """Write waiting messages; twice a second, or on demand, make them safe against kill -9."""
         with self._lock:
             if self._closed:
                 return
@@ -98,7 +98,7 @@ class Stream:
         self.rolling = Rolling(columns, capacity)
 
     def take(self, bag: CampaignBag | None) -> int:
-        """Take all that waits; return how many."""
+        """Take all waiting messages; return their number."""
         stamps, rows = [], []
         while (taken := self._handle.take_message(self._type, True)) is not None:
             raw, info = taken
@@ -140,10 +140,10 @@ class JointStream(Stream):
 
 
 class Intake(GuardedThread):
-    """Takes everything every hundredth of a second, keeps the newest, tells who waits.
+    """Takes all messages every hundredth of a second, keeps the newest, notifies waiting threads.
 
     Attributes:
-        news: notified after each look.
+        news: notified after each turn.
         wrenches: rolling (6,) [N, N m].
         joints: rolling (6,) [rad].
         mode: newest; None before the first.
@@ -153,7 +153,7 @@ class Intake(GuardedThread):
         zeroing: number of the pre-tightening that the zeros are of.
         mode_zeroing: number of the newest pre-tightening.
         pose: (7,) of the platform, position [m], quaternion x y z w; None before the first.
-        bag: where everything goes; None: nowhere.
+        bag: in which all messages are recorded; None: none.
     """
 
     def __init__(self, node: ControlNode) -> None:
@@ -164,7 +164,7 @@ class Intake(GuardedThread):
         geometry = node.rig.geometry
         self._wrench = WrenchStream(node, lockstep)
         self._joint = JointStream(node, lockstep)
-        # Of these only the newest counts; old ones need not even be looked at.
+        # Only the newest of these counts; older ones are skipped.
         states, poses = topics.limb_state_layout(geometry), topics.pose_layout(geometry)
         self._state = Input(node, "limb_state", states, lockstep, depth=1)
         self._pose = Input(node, "platform_pose", poses, lockstep, depth=1)
@@ -192,7 +192,7 @@ class Intake(GuardedThread):
         return self.zeroed & (self.zeroing == self.mode_zeroing)
 
     def body(self) -> None:
-        """Look until the end."""
+        """Take messages until the end."""
         self._node.prepare_thread()
         while self.running:
             if wait_for(self._wait_set, (self._wrench,), IDLE_NS):

@@ -12,7 +12,7 @@ from cabols_control.ros.node import ControlNode
 
 
 class TensionLeader:
-    """Publishes the tensions asked for now, which move to a goal at a limited rate.
+    """Publishes the tension setpoints, which move to a goal at a limited rate.
 
     While it is silent the wrench controller lets the tensions down by itself.
     """
@@ -32,13 +32,13 @@ class TensionLeader:
         self._leading = False
 
     def lead(self, rate: float) -> None:
-        """Begin, at rest, to change tensions at a rate [N/s]."""
+        """Start, at rest, to change tensions at a rate [N/s]."""
         with self._lock:
             self._goal, self._asked = self.rest.copy(), self.rest.copy()
             self._rate, self._leading = rate, True
 
     def silence(self) -> None:
-        """Publish no more."""
+        """Stop publishing."""
         with self._lock:
             self._leading = False
 
@@ -49,7 +49,7 @@ class TensionLeader:
 
     @property
     def arrived(self) -> bool:
-        """Whether the goal is what is asked for."""
+        """Whether the setpoints have reached the goal."""
         with self._lock:
             return bool(np.array_equal(self._goal, self._asked))
 

@@ -19,7 +19,7 @@ END_S = 2.0
 
 
 class ReportService:
-    """Runs `analyze` as a process of low priority: an analysis must not cost the rig a cycle."""
+    """Runs `analyze` as a process of low priority, so that the rig loses no cycle."""
 
     def __init__(self, node: Node, folder: Callable[[], str], running: Callable[[], bool]) -> None:
         """Advertise the service.
@@ -36,7 +36,7 @@ class ReportService:
         node.create_service(Trigger, "report_stiffness_test", self._answer)
 
     def close(self) -> None:
-        """End an analysis under way."""
+        """End a running analysis."""
         process = self._process
         if process is not None and process.poll() is None:
             process.terminate()
@@ -68,7 +68,7 @@ class ReportService:
             stderr=subprocess.STDOUT,
             text=True,
         )
-        # It inherits a real-time priority, where this node has one.
+        # The process inherits this node's real-time priority, if it has one.
         with suppress(OSError):
             os.sched_setscheduler(self._process.pid, os.SCHED_OTHER, os.sched_param(0))
         threading.Thread(target=self._follow, args=(self._process, folder), daemon=True).start()
