@@ -37,6 +37,12 @@ design-geometry: setup  ## optimise the attachment points into build/design, che
 console: setup  ## serve the operator's page for the simulated rig at http://localhost:8080
 	@.venv/lib/cabols_sim/console_bench $(ARGS)
 
+new-rig: setup  ## make the folder of a rig from the bench's: make new-rig ARGS="my_rig --cables 7"
+	@.venv/lib/cabols_control/new_rig $(ARGS)
+
+check-rig: setup  ## read a rig's files and say what was read: make check-rig ARGS=my_rig
+	@.venv/lib/cabols_sim/check_rig $(ARGS)
+
 browser:  ## find or install the Chromium that the console's tests drive
 	@"$(HOST_PYTHON)" tools/setup_browser.py
 

@@ -14,6 +14,7 @@ from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, ShapeError
 from cabols_control.frames import Frame
 from cabols_control.naming import cable_name
+from cabols_control.rig_checks import check_geometry
 from cabols_control.rig_folder import rig_file
 
 MIN_CABLES = 6
@@ -110,7 +111,7 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
             by this project: the source publishes none).
 
     Returns:
-        The checked geometry.
+        The geometry, checked; what is odd about it is a RigWarning.
 
     Raises:
         ConfigError: if the file cannot be used; the message names file, key and reason.
@@ -118,7 +119,7 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
     source = Path(path) if path is not None else rig_file("geometry.yaml")
     content = load_config(_GeometryFile, source)
     try:
-        return RigGeometry(
+        geometry = RigGeometry(
             base_points=_rows("base_points", content.base_points),
             platform_points=_rows("platform_points", content.platform_points),
             reference_position=np.array(content.reference_pose.position),
@@ -130,6 +131,13 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
         raise DegenerateGeometryError(f"{source}: {error}") from error
     except ShapeError as error:
         raise ConfigError(f"{source}: {error}") from error
+    check_geometry(
+        geometry.base_points,
+        geometry.platform_points,
+        geometry.reference_position,
+        geometry.reference_rotation,
+    ).settle(source)
+    return geometry
 
 
 def _rows(name: str, rows: list[list[float]]) -> FloatArray:

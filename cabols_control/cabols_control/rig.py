@@ -14,8 +14,10 @@ from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.gains import WrenchGains, wrench_gains
 from cabols_control.geometry import MIN_CABLES, RigGeometry, load_geometry
+from cabols_control.kinematics import cable_lengths
 from cabols_control.limb import LimbModel
 from cabols_control.naming import limb_name
+from cabols_control.rig_checks import check_limbs
 from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_control.tension import check_method
 
@@ -169,8 +171,17 @@ def load_rig(
         ConfigError: naming the file, the key, what was expected and what came.
     """
     folder = find_rig(rig)
-    return Rig(
+    found = Rig(
         load_geometry(rig_file("geometry.yaml", geometry, folder)),
         load_config(LimbsConfig, rig_file("limbs.yaml", limbs, folder)),
         load_config(ControlConfig, rig_file("control.yaml", control, folder)),
     )
+    shape, control_design = found.geometry, found.control
+    check_limbs(
+        found.limbs.stiffness,
+        found.limbs.gain,
+        cable_lengths(shape, shape.reference_position, shape.reference_rotation),
+        control_design.tension_max,
+        control_design.current_limit,
+    ).settle(folder.path)
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -10,6 +11,10 @@ from cabols_control.errors import ConfigError
 
 BENCH = "bench"
 """The reference bench, which is installed with this package."""
+
+
+class RigWarning(UserWarning):
+    """A rig's files or numbers are odd."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +46,20 @@ FILES = (
     RigFile("tracker.yaml", "cabols_hw", "laser tracker: address, times, noise"),
     RigFile("campaign.yaml", "cabols_stiffness", "loads of a stiffness campaign"),
     RigFile("bodies.yaml", "cabols_control", "what cables must not touch"),
-    RigFile("plant.yaml", "cabols_sim", "physics of the simulated limbs, card and sensors"),
+    RigFile("sensor.cal", "cabols_hw", "calibration that card.yaml may name", "none is named"),
+    RigFile(
+        "plant.yaml",
+        "cabols_sim",
+        "physics of the simulated limbs, card and sensors",
+        "the simulated limbs, card and sensors are as the bench's",
+    ),
     RigFile("robot_truth.yaml", "cabols_sim", "physics of the simulated robot"),
-    RigFile("tracker_truth.yaml", "cabols_sim", "truth about the simulated laser tracker"),
+    RigFile(
+        "tracker_truth.yaml",
+        "cabols_sim",
+        "truth about the simulated laser tracker",
+        "the simulated tracker and its reflectors are where frames.yaml says",
+    ),
 )
 
 
@@ -65,6 +81,14 @@ class RigFolder:
     def has(self, name: str) -> bool:
         """Whether the folder has this file."""
         return (self.path / name).is_file()
+
+    def optional(self, name: str) -> Path | None:
+        """Path of a file that may be missing: then None, and a warning of what holds instead."""
+        if self.has(name):
+            return self.path / name
+        instead = next(file.without for file in FILES if file.name == name)
+        warnings.warn(f"rig {self.path}: no {name}: {instead}", RigWarning, stacklevel=3)
+        return None
 
     def file(self, name: str) -> Path:
         """Path of one of the rig's files.

@@ -45,8 +45,14 @@ def open_q8(board: str, config: CardConfig) -> QuanserQ8:
         config: wiring and period.
 
     Raises:
-        CardError: if Quanser's API is missing, or the card is not there or refuses its set-up.
+        CardError: if more than one card is wired, Quanser's API is missing, or the card is not there or refuses its set-up.
     """
+    if config.wiring.cards > 1:
+        raise CardError(
+            f"Q8: expected the wiring of one card, got {config.wiring.cards}; this back end starts "
+            "every card on its own clock, which drift apart, so that the samples of one cycle would "
+            "not be of one instant (docs/your_rig.md); the simulated rig has two cards"
+        )
     try:
         import quanser.hardware as api
     except (ImportError, OSError) as error:
@@ -96,11 +102,11 @@ class QuanserQ8:
         self._limit = config.output_limit
         self._period_ns = round(1e9 * config.period)
         self._frequency = 1.0 / config.period
-        self._gauges = np.array(wiring.gauges, dtype=np.uint32)
-        self._encoders = np.array(wiring.encoders, dtype=np.uint32)
-        self._switches = np.array(wiring.switches, dtype=np.uint32)
-        self._motors = np.array(wiring.motors, dtype=np.uint32)
-        self._enables = np.array(wiring.enables, dtype=np.uint32)
+        self._gauges = np.array(wiring.channels("gauges"), dtype=np.uint32)
+        self._encoders = np.array(wiring.channels("encoders"), dtype=np.uint32)
+        self._switches = np.array(wiring.channels("switches"), dtype=np.uint32)
+        self._motors = np.array(wiring.channels("motors"), dtype=np.uint32)
+        self._enables = np.array(wiring.channels("enables"), dtype=np.uint32)
         n = wiring.limbs
         self._analog = np.zeros((BUFFER_SAMPLES, 6))
         self._counts = np.zeros((BUFFER_SAMPLES, n), dtype=np.int32)

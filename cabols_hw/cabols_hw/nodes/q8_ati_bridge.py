@@ -6,7 +6,6 @@ import sys
 
 import numpy as np
 
-from cabols_control.errors import ConfigError
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.node import run_node
@@ -22,12 +21,6 @@ from cabols_hw.ros.bridge_node import BridgeNode
 def open_card(node: BridgeNode, rig: Rig, card: CardConfig) -> Daq:
     """Open the card that the parameters name."""
     board = declare(node, "board", "0", "number of the Q8 in this machine")
-    n = rig.geometry.cables
-    if card.wiring.limbs != n:
-        raise ConfigError(
-            f"wiring.motors: expected {n} channels as the geometry has cables, "
-            f"got {card.wiring.limbs}"
-        )
     warm_up(rig, card)
     return open_q8(board, card)
 

@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
+from cabols_control.rig_checks import check_limits
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
@@ -53,6 +54,7 @@ class BridgeNode(ControlNode):
         super().__init__(name)
         card_file = declare(self, "card_file", "", "YAML of the card; empty: the rig's")
         self._card = load_card(self.rig_folder, card_file)
+        self._card.wiring.require_limbs(self.rig.geometry.cables)
         self.daq = make_daq(self, self.rig, self._card)
         geometry = self.rig.geometry
         n = geometry.cables
@@ -118,6 +120,13 @@ class BridgeNode(ControlNode):
         """
         path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: the rig's")
         config = load_safety(self.rig_folder, path)
+        check_limits(
+            self.rig.control.tension_max,
+            config.tension_max,
+            np.array(config.wrench_max),
+            self.rig.control.rated,
+            self._card.sensor_limits,
+        ).settle(self.rig_folder.path)
         oldest = 2.0 * self._watchdog_s
         return replace(
             config,

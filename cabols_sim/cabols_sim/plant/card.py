@@ -32,11 +32,16 @@ class SimulatedQ8:
 
         Args:
             plant: the rig behind the card.
-            config: wiring.
+            config: wiring; two cards share the clock and are written together, so that they also
+                expire together.
             limbs: number of outputs.
             lockstep: step from read to read instead of by the wall clock.
             speed: how fast the plant's time passes, in real time's; below 1 is slow motion.
+
+        Raises:
+            ConfigError: if the wiring is of another number of limbs.
         """
+        config.wiring.require_limbs(limbs)
         self._speed = speed
         self.plant = plant
         self._config = config

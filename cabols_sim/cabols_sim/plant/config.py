@@ -13,7 +13,7 @@ from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.frames import load_frames
 from cabols_control.rig import LimbsConfig
-from cabols_control.rig_folder import RigFolder, find_rig, rig_file
+from cabols_control.rig_folder import RigFolder, find_rig
 from cabols_hw.force_torque.ati import STANDARD_GRAVITY
 
 
@@ -78,6 +78,18 @@ class LimbPlantConfig:
             1e-9,
             1.0,
         )
+
+    def require_limbs(self, cables: int) -> None:
+        """Refuse parameters of another number of limbs than a rig has cables.
+
+        Raises:
+            ConfigError: if the numbers differ.
+        """
+        if len(self.gain) != cables:
+            raise ConfigError(
+                f"plant: limbs.gain: expected {cables} values as the geometry has cables, got "
+                f"{len(self.gain)}; leave gain and time_constant out to take those of limbs.yaml"
+            )
 
     @property
     def table(self) -> FloatArray:
@@ -210,4 +222,7 @@ def load_plant(rig: str | Path | RigFolder = "", path: str | Path | None = None)
             "switch_tension": limbs.switch_tension,
         },
     }
-    return load_config(PlantConfig, rig_file("plant.yaml", path, folder), defaults=defaults)
+    file = Path(path) if path else folder.optional("plant.yaml")
+    if file is None:
+        return PlantConfig(**defaults)  # type: ignore[arg-type]
+    return load_config(PlantConfig, file, defaults=defaults)

@@ -74,7 +74,7 @@ def _sense_into(
 
 
 class Plant:
-    """Eight limbs (or n), a target, a force/torque sensor and limit switches.
+    """The limbs of n cables, a target, a force/torque sensor and limit switches.
 
     Attributes:
         tension: (n,) true tensions [N].
@@ -106,6 +106,7 @@ class Plant:
         self._config = config
         self._random = np.random.default_rng(seed)
         n = rig.geometry.cables
+        config.limbs.require_limbs(n)
         self._table = config.limbs.table
         self._state = np.zeros((n, 3))
         self._current = np.zeros(n)

@@ -174,6 +174,7 @@ class StiffnessCampaignNode(ControlNode):
         own = Path(folder, PLAN).exists() and not request.campaign
         journal = Journal(folder, "" if own else given, self.rig_folder)
         try:
+            self._check_limbs(journal.plan.limbs)
             saved = self._reconcile(journal)
             if saved:
                 self.get_logger().info(f"{saved} loads were in the bag of a cut run only")
@@ -190,6 +191,14 @@ class StiffnessCampaignNode(ControlNode):
             return self._finish(handle, run)
         finally:
             journal.close()
+
+    def _check_limbs(self, limbs: int) -> None:
+        cables = self.rig.geometry.cables
+        if limbs != cables:
+            raise CampaignError(
+                f"peak: expected {cables} tensions as the rig has cables, got {limbs}; write "
+                f"{PLAN} for this rig"
+            )
 
     def _reconcile(self, journal: Journal) -> int:
         """Complete the bags of interrupted runs; adopt loads that only their bags hold."""

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.frames import load_frames
-from cabols_control.rig_folder import RigFolder, find_rig, rig_file
+from cabols_control.rig_folder import RigFolder, find_rig
 from cabols_hw.tracker.beam import BeamNoise
 
 
@@ -140,5 +140,7 @@ def load_tracker_truth(
     """
     folder = find_rig(rig)
     nominal = load_frames(folder).for_tracker()
-    file = rig_file("tracker_truth.yaml", path, folder)
+    file = Path(path) if path else folder.optional("tracker_truth.yaml")
+    if file is None:
+        return TrackerTruthConfig(**nominal)
     return load_config(TrackerTruthConfig, file, defaults=nominal)

@@ -1,0 +1,173 @@
+"""Make the folder of a new rig: a copy of the reference bench's, for 7, 8 or 10 cables.
+
+Never writes into a folder that is there already. Edit the files, then look with `check_rig`.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from cabols_control.command_line import DONE, CommandParser, command
+from cabols_control.errors import UsageError
+from cabols_control.rig_folder import BENCH, FILES, find_rig
+
+CHANNELS = 8
+"""Analog outputs and encoder inputs of one Q8."""
+ENABLE_LINE = 8
+EIGHT = 8
+POINTS = {
+    7: (
+        [
+            [0.9, 1.57, 1.57],
+            [-0.87, 1.64, 1.2],
+            [-0.53, 0.47, 1.28],
+            [0.9, 0.43, 1.59],
+            [0.69, 2.03, 0.07],
+            [-0.9, 1.89, 0.19],
+            [0.5, 0.44, 0.1],
+        ],
+        [
+            [0.022, 0.148, -0.12],
+            [0.026, 0.148, -0.023],
+            [0.08, -0.127, -0.089],
+            [0.023, -0.148, -0.12],
+            [0.15, 0.01, 0.071],
+            [-0.133, -0.069, 0.108],
+            [0.132, -0.071, 0.112],
+        ],
+    ),
+    10: (
+        [[0.9, 1.234615, 1.592718], [-0.9, 1.234615, 1.592718]],
+        [[0.0, 0.15, -0.1], [0.0, -0.15, -0.1]],
+    ),
+}
+"""Base and platform points [m]: of all seven cables; of those that ten have besides the bench's."""
+
+
+def make_rig(folder: Path, cables: int = EIGHT) -> list[Path]:
+    """Copy the bench's files, changed for a number of cables.
+
+    Args:
+        folder: that is made; nothing may be there yet.
+        cables: 7, 8 or 10.
+
+    Returns:
+        The files.
+
+    Raises:
+        UsageError: if the folder is there already, or there is no example of so many cables.
+    """
+    if cables != EIGHT and cables not in POINTS:
+        raise UsageError(
+            f"--cables: expected 7, 8 or 10, of which there are examples, got {cables}; make one of "
+            "8 and write your points into geometry.yaml (docs/your_rig.md)"
+        )
+    bench = find_rig()
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError as error:
+        raise UsageError(
+            f"{folder}: expected nothing there, got a file or folder; name another one"
+        ) from error
+    written = []
+    for file in FILES:
+        if not bench.has(file.name):
+            continue
+        text = bench.file(file.name).read_text(encoding="utf-8")
+        if cables != EIGHT:
+            text = _CHANGES.get(file.name, lambda same, _: same)(text, cables)
+        target = folder / file.name
+        target.write_text(text, encoding="utf-8")
+        written.append(target)
+    return written
+
+
+def _geometry(text: str, cables: int) -> str:
+    base, platform = POINTS[cables]
+    head, _, rest = text.partition("base_points:")
+    old_base, _, old_platform = rest.partition("platform_points:")
+    keep = cables > EIGHT
+    rows = [line for line in old_base.splitlines() if line.lstrip().startswith("- [")]
+    more = [line for line in old_platform.splitlines() if line.lstrip().startswith("- [")]
+    rows = (rows if keep else []) + [f"  - {point}" for point in base]
+    more = (more if keep else []) + [f"  - {point}" for point in platform]
+    head = "\n".join(line for line in head.splitlines() if not line.startswith("#"))
+    lines = [
+        f"# A rig of {cables} cables, an example of this project: write your points here.",
+        head.strip(),
+        "base_points:                  # m, in the base frame",
+        *rows,
+        "platform_points:              # m, in the platform frame",
+        *more,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _limbs(text: str, cables: int) -> str:
+    def repeat(found: re.Match[str]) -> str:
+        values = [value.strip() for value in found[2].split(",")]
+        return f"{found[1]}[{', '.join(values[i % len(values)] for i in range(cables))}]"
+
+    text = re.sub(r"(?m)^((?:gain|time_constant): )\[([^]]*)\]", repeat, text)
+    return text.replace("Limbs of the reference bench", "Limbs, those of the reference bench again")
+
+
+def _card(text: str, cables: int) -> str:
+    def terminal(index: int) -> str:
+        card, channel = divmod(index, CHANNELS)
+        return str(channel) if card == 0 else f"{{card: {card}, channel: {channel}}}"
+
+    terminals = ", ".join(terminal(index) for index in range(cables))
+    cards = 1 + (cables - 1) // CHANNELS
+    enables = [str(ENABLE_LINE)] + [
+        f"{{card: {card}, channel: {ENABLE_LINE}}}" for card in range(1, cards)
+    ]
+    text = re.sub(r"(?m)^(  (?:encoders|switches|motors): )\[[^]]*\]", rf"\1[{terminals}]", text)
+    return re.sub(r"(?m)^(  enables: )\[[^]]*\]", rf"\1[{', '.join(enables)}]", text)
+
+
+def _campaign(text: str, cables: int) -> str:
+    def fit(found: re.Match[str]) -> str:
+        values = [value.strip() for value in found[1].split(",")]
+        return f"peak: [{', '.join([*values, *['6.0'] * cables][:cables])}]"
+
+    text = re.sub(r"peak: \[([^]]*)\]", fit, text)
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    note = (
+        "# A campaign whose peaks are those of the reference bench, cut or filled up with 6 N: they\n"
+        "# were not searched for this rig (docs/identification.md).\n"
+    )
+    return (note + "\n".join(lines) + "\n").replace("limbs 1 to 8", f"limbs 1 to {cables}")
+
+
+_CHANGES = {
+    "geometry.yaml": _geometry,
+    "limbs.yaml": _limbs,
+    "card.yaml": _card,
+    "campaign.yaml": _campaign,
+}
+
+
+@command
+def main() -> int:
+    """Make the folder; returns 0, or 2 if it is there already."""
+    parser = CommandParser("new_rig", __doc__)
+    parser.add_argument("folder", type=Path, help="that is made; its name is the rig's")
+    parser.add_argument("--cables", type=int, default=EIGHT, help="7, 8 or 10 (default: 8)")
+    options = parser.parse_args()
+    if options.folder.name == BENCH:
+        raise UsageError(f"{options.folder}: expected a name that is not {BENCH}'s, which is taken")
+    written = make_rig(options.folder, options.cables)
+    for path in written:
+        print(f"  {path}")
+    print(
+        f"a rig of {options.cables} cables with the bench's numbers: write yours, then "
+        f"`ros2 run cabols_sim check_rig {options.folder}` and "
+        f'`make demo ARGS="--rig {options.folder}"`'
+    )
+    return DONE
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,207 @@
+"""A rig's numbers against each other: mistakes that no number shows by itself.
+
+Points in millimetres, platform and frame swapped, a cable twice, a stiffness in N/mm, limits of two
+files that disagree. What cannot be is refused, what is odd is warned of; both say what was read.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cabols_control.cable_kernels import cable_lengths_unchecked
+from cabols_control.checks import FloatArray
+from cabols_control.errors import ConfigError
+from cabols_control.naming import limb_name
+from cabols_control.rig_folder import RigWarning
+
+FRAME_MAX_M, FRAME_ODD_M = 1000.0, 100.0
+"""Largest side of a frame; larger ones are refused, or warned of: millimetres?"""
+FRAME_LEAST_M = 0.05
+SAME_M = 1e-6
+STRETCH_MAX, STRETCH_ODD = 2.0, 0.25
+"""Elongation of a limb at the largest tension, as a share of its cable's length."""
+STRETCH_LEAST_M = 1e-5
+SPEED_MAX_M_S = 100.0
+"""Steady speed of a cable at the current's limit."""
+REACH = 5.0
+"""Distance of what is mounted on the platform from its origin, in platform radii."""
+
+
+@dataclass
+class Findings:
+    """What a check found.
+
+    Attributes:
+        read: what the numbers mean, for a person who knows the rig.
+        refused: mistakes.
+        odd: what may be a mistake.
+    """
+
+    read: str = ""
+    refused: list[str] = field(default_factory=list)
+    odd: list[str] = field(default_factory=list)
+
+    def settle(self, source: object) -> None:
+        """Warn of what is odd, refuse what is wrong.
+
+        Args:
+            source: file or folder that the numbers are of.
+
+        Raises:
+            ConfigError: if anything is wrong.
+        """
+        if self.refused:
+            raise ConfigError(f"{source}: {'; '.join(self.refused)}; read: {self.read}")
+        if self.odd:
+            warnings.warn(
+                f"{source}: {'; '.join(self.odd)}; read: {self.read}", RigWarning, stacklevel=3
+            )
+
+
+def check_geometry(
+    base_points: FloatArray, platform_points: FloatArray, position: FloatArray, rotation: FloatArray
+) -> Findings:
+    """Look at attachment points and reference pose.
+
+    Args:
+        base_points: (n, 3) in the base frame [m].
+        platform_points: (n, 3) in the platform frame [m].
+        position: (3,) of the platform at the reference pose, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+    """
+    found = Findings()
+    sides = np.ptp(base_points, axis=0)
+    size, radius = float(sides.max()), float(np.linalg.norm(platform_points, axis=1).max())
+    lengths = cable_lengths_unchecked(base_points, platform_points, position, rotation)
+    found.read = (
+        f"frame {' x '.join(f'{side:.3g}' for side in sides)} m, platform radius {radius:.3g} m, "
+        f"{lengths.size} cables of {lengths.min():.3g} to {lengths.max():.3g} m"
+    )
+    if not 2.0 * radius <= size:
+        found.refused.append(
+            f"platform: expected smaller than the frame, got {2.0 * radius:.3g} m across in a "
+            f"frame of {size:.3g} m; are base_points and platform_points swapped, or one of them "
+            "in millimetres?"
+        )
+    if size > FRAME_MAX_M:
+        found.refused.append(
+            f"base_points: expected metres, got a frame of {size:.3g} m; millimetres?"
+        )
+    elif size > FRAME_ODD_M or size < FRAME_LEAST_M:
+        found.odd.append(f"base_points: a frame of {size:.3g} m; is that in metres?")
+    away = float(np.linalg.norm(position - base_points.mean(axis=0)))
+    if away > float(np.linalg.norm(sides)):
+        found.refused.append(
+            f"reference_pose: expected the platform in its frame, got it {away:.3g} m from the "
+            "frame's middle; is the position in the base frame, in metres?"
+        )
+    for i in range(lengths.size):
+        for j in range(i):
+            apart = max(
+                np.abs(base_points[i] - base_points[j]).max(),
+                np.abs(platform_points[i] - platform_points[j]).max(),
+            )
+            if apart < SAME_M:
+                found.refused.append(
+                    f"cables: expected each once, got {limb_name(j)} and {limb_name(i)} between "
+                    "the same points"
+                )
+    return found
+
+
+def check_limbs(
+    stiffness: float,
+    gain: list[float],
+    lengths: FloatArray,
+    tension_max: float,
+    current_limit: float,
+) -> Findings:
+    """Look at limbs beside the cables that they pull.
+
+    Args:
+        stiffness: k_e [N/m].
+        gain: (n,) of the limbs [m/s/A].
+        lengths: (n,) of the cables at the reference pose [m].
+        tension_max: largest tension that control asks for [N].
+        current_limit: [A].
+    """
+    stretch, speed = tension_max / stiffness, max(gain) * current_limit
+    found = Findings(
+        f"k_e {stiffness:.4g} N/m: {stretch:.3g} m at {tension_max:.4g} N, cables of "
+        f"{lengths.min():.3g} to {lengths.max():.3g} m; {speed:.3g} m/s at {current_limit:.3g} A"
+    )
+    if stretch > STRETCH_MAX * lengths.max():
+        found.refused.append(
+            f"stiffness: expected N/m, got {stiffness:.4g}, by which {tension_max:.4g} N stretch a "
+            f"limb by {stretch:.3g} m; N/mm?"
+        )
+    elif stretch > STRETCH_ODD * lengths.min() or stretch < STRETCH_LEAST_M:
+        found.odd.append(f"stiffness: {stiffness:.4g} N/m; is that in N/m?")
+    if speed > SPEED_MAX_M_S:
+        found.refused.append(
+            f"gain: expected m/s/A, got up to {max(gain):.4g}, by which {current_limit:.3g} A wind "
+            f"a cable at {speed:.3g} m/s; mm/s/A?"
+        )
+    return found
+
+
+def check_mounted(name: str, points: FloatArray, platform_radius: float) -> Findings:
+    """Look at what is mounted on the platform.
+
+    Args:
+        name: of the points, for messages.
+        points: (k, 3) in the platform frame [m].
+        platform_radius: of the attachment points [m].
+    """
+    away = float(np.linalg.norm(points, axis=1).max()) if points.size else 0.0
+    found = Findings(f"{name} up to {away:.3g} m from the platform's origin")
+    if away > REACH * platform_radius:
+        found.odd.append(
+            f"{name}: {away:.3g} m from a platform of radius {platform_radius:.3g} m; metres?"
+        )
+    return found
+
+
+def check_limits(
+    tension_max: float,
+    safety_tension_max: float,
+    safety_wrench_max: FloatArray,
+    rated: FloatArray,
+    sensor_range: FloatArray,
+) -> Findings:
+    """Compare the limits of control, safety envelope and sensor.
+
+    Args:
+        tension_max: that the springs bear, of control [N].
+        safety_tension_max: at which the bridge unloads [N].
+        safety_wrench_max: (6,) likewise [N, N m].
+        rated: (6,) wrench of control's design [N, N m].
+        sensor_range: (6,) of the force/torque sensor, its axes [N, N m].
+    """
+    found = Findings(
+        f"tension_max {safety_tension_max:g} N of the envelope, {tension_max:g} N of control; "
+        f"wrench_max {_row(safety_wrench_max)}, sensor {_row(sensor_range)}"
+    )
+    if not safety_tension_max <= tension_max:
+        found.refused.append(
+            f"safety: tension_max: expected at most control's {tension_max:g} N, which the springs "
+            f"bear, got {safety_tension_max:g}"
+        )
+    if not (safety_wrench_max <= np.maximum(sensor_range, 0.0)).all():
+        found.refused.append(
+            f"safety: wrench_max: expected at most the sensor's range {_row(sensor_range)}, got "
+            f"{_row(safety_wrench_max)}"
+        )
+    if not (rated <= sensor_range).all():
+        found.refused.append(
+            f"control: force_rated, torque_rated: expected at most the sensor's range "
+            f"{_row(sensor_range)}, got {_row(rated)}"
+        )
+    return found
+
+
+def _row(values: FloatArray) -> str:
+    return "[" + ", ".join(f"{value:g}" for value in values) + "]"

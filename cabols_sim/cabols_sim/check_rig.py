@@ -1,0 +1,100 @@
+"""Read all files of a rig, hold their numbers against each other, and say what was read."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from cabols_control.command_line import DONE, CommandParser, command, rig_option
+from cabols_control.frames import load_frames
+from cabols_control.kinematics import cable_lengths
+from cabols_control.rig import load_rig
+from cabols_control.rig_checks import (
+    Findings,
+    check_geometry,
+    check_limbs,
+    check_limits,
+    check_mounted,
+)
+from cabols_control.rig_folder import FILES, RigFolder, RigWarning, find_rig
+from cabols_hw.abb.configurations import load_configurations
+from cabols_hw.card.config import load_card
+from cabols_hw.safety.config import load_safety
+from cabols_hw.tracker.config import load_tracker_config
+from cabols_sim.devices.robot.robot_config import load_robot_truth
+from cabols_sim.devices.tracker.config import load_tracker_truth
+from cabols_sim.plant.config import load_plant
+
+
+def check_rig(folder: RigFolder) -> list[str]:
+    """Read every file of a rig; return what was read, a line each.
+
+    Args:
+        folder: of the rig.
+
+    Raises:
+        ConfigError: if a file is missing or cannot be used, or numbers cannot belong together.
+    """
+    rig, card, safety = load_rig(folder), load_card(folder), load_safety(folder)
+    geometry, frames = rig.geometry, load_frames(folder)
+    card.wiring.require_limbs(geometry.cables)
+    load_plant(folder).limbs.require_limbs(geometry.cables)
+    configurations = load_configurations(folder)
+    for load in (load_tracker_config, load_robot_truth, load_tracker_truth):
+        load(folder)
+    pose = (geometry.reference_position, geometry.reference_rotation)
+    found: list[Findings] = [
+        check_geometry(geometry.base_points, geometry.platform_points, *pose),
+        check_limbs(
+            rig.limbs.stiffness,
+            rig.limbs.gain,
+            cable_lengths(geometry, *pose),
+            rig.control.tension_max,
+            rig.control.current_limit,
+        ),
+        check_mounted("reflectors", np.array(frames.reflectors), geometry.platform_radius),
+        check_limits(
+            rig.control.tension_max,
+            safety.tension_max,
+            np.array(safety.wrench_max),
+            rig.control.rated,
+            card.sensor_limits,
+        ),
+    ]
+    for findings in found:
+        findings.settle(folder.path)
+    cards = "1 card" if card.wiring.cards == 1 else f"{card.wiring.cards} cards on one clock"
+    return [
+        *(findings.read for findings in found),
+        f"{card.wiring.limbs} limbs wired to {cards}; {len(configurations)} configurations of the "
+        "robot",
+    ]
+
+
+@command
+def main() -> int:
+    """Check; returns 0, or 1 for a rig that cannot be used."""
+    parser = CommandParser("check_rig", __doc__)
+    parser.add_argument("folder", nargs="?", default="", help="name or folder; default: --rig")
+    rig_option(parser)
+    options = parser.parse_args()
+    folder = find_rig(options.folder or options.rig)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", RigWarning)
+        lines = check_rig(folder)
+    print(f"rig {folder.name} ({folder.path})")
+    for line in lines:
+        print(f"  {line}")
+    for message in dict.fromkeys(str(warning.message) for warning in said):
+        print(f"  odd: {message}")
+    extra = sorted(
+        path.name for path in folder.path.iterdir() if path.name not in {f.name for f in FILES}
+    )
+    if extra:
+        print(f"  not read, unless another file names them: {', '.join(extra)}")
+    return DONE
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
