@@ -60,8 +60,8 @@ def make_rig(folder: Path, cables: int = EIGHT) -> list[Path]:
     """
     if cables != EIGHT and cables not in POINTS:
         raise UsageError(
-            f"--cables: expected 7, 8 or 10, of which there are examples, got {cables}; make one of "
-            "8 and write your points into geometry.yaml (docs/your_rig.md)"
+            f"--cables: expected 7, 8 or 10, of which there are examples, got {cables}; make one "
+            "of 8 and write your points into geometry.yaml (docs/your_rig.md)"
         )
     bench = find_rig()
     try:
@@ -135,8 +135,8 @@ def _campaign(text: str, cables: int) -> str:
     text = re.sub(r"peak: \[([^]]*)\]", fit, text)
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     note = (
-        "# A campaign whose peaks are those of the reference bench, cut or filled up with 6 N: they\n"
-        "# were not searched for this rig (docs/identification.md).\n"
+        "# A campaign whose peaks are those of the reference bench, cut or filled up with 6 N:\n"
+        "# they were not searched for this rig (docs/identification.md).\n"
     )
     return (note + "\n".join(lines) + "\n").replace("limbs 1 to 8", f"limbs 1 to {cables}")
 

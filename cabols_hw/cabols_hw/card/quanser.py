@@ -45,13 +45,14 @@ def open_q8(board: str, config: CardConfig) -> QuanserQ8:
         config: wiring and period.
 
     Raises:
-        CardError: if more than one card is wired, Quanser's API is missing, or the card is not there or refuses its set-up.
+        CardError: if more than one card is wired, Quanser's API is missing, or the card is not
+            there or refuses its set-up.
     """
     if config.wiring.cards > 1:
         raise CardError(
             f"Q8: expected the wiring of one card, got {config.wiring.cards}; this back end starts "
-            "every card on its own clock, which drift apart, so that the samples of one cycle would "
-            "not be of one instant (docs/your_rig.md); the simulated rig has two cards"
+            "every card on its own clock; they drift apart, and the samples of one cycle would not "
+            "be of one instant (docs/your_rig.md); the simulated rig has two cards"
         )
     try:
         import quanser.hardware as api

@@ -30,6 +30,7 @@ from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.analysis.bag import read_loads
 from cabols_stiffness.campaign.journal import PLAN, Journal
+from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.ros.campaign_run import CampaignRun
 from cabols_stiffness.ros.intake import CampaignBag, Intake
 from cabols_stiffness.ros.leader import TensionLeader

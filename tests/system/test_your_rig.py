@@ -1,0 +1,149 @@
+"""docs/your_rig.md, followed: its commands, its edits, and a short run of each rig at the end."""
+
+from __future__ import annotations
+
+import configparser
+import re
+import shlex
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from cabols_control.bags.reader import read_bag
+from cabols_control.rig import load_rig
+from cabols_control.rig_folder import FILES, RigWarning
+from cabols_hw.card.config import load_card
+from cabols_hw.card.quanser import CardError, open_q8
+from cabols_sim.bench.run import run_bench
+from cabols_stiffness.campaign.plan import load_plan
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "your_rig.md").read_text()
+BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
+PROGRAM = """time_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm
+0.0,0,0,0,0,0,0
+0.4,10,-10,15,0.5,-0.5,0.5
+1.2,10,-10,15,0.5,-0.5,0.5
+"""
+
+
+def executables():
+    """Module of each executable, by package and name."""
+    found = {}
+    for path in ROOT.glob("cabols_*/setup.cfg"):
+        config = configparser.ConfigParser()
+        config.read(path)
+        for line in config["options.entry_points"]["console_scripts"].strip().splitlines():
+            name, _, target = line.partition("=")
+            found[path.parent.name, name.strip()] = target.strip().partition(":")[0]
+    return found
+
+
+def run(line, folder):
+    """Run one command of the page."""
+    _, _, package, name, *words = shlex.split(line)
+    command = [sys.executable, "-m", executables()[package, name], *words]
+    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout
+
+
+def edit(text, folder):
+    """Make one edit: the keys of the block replace the file's."""
+    head, _, body = text.partition("\n")
+    path = folder / head.removeprefix("# ").strip()
+    content = {**yaml.safe_load(path.read_text()), **yaml.safe_load(body)}
+    path.write_text(yaml.safe_dump(content, default_flow_style=None))
+
+
+def follow(section, folder):
+    """Follow one section of the page; return what check_rig said and the rig that demo runs."""
+    part = PAGE.partition(f"## {section}\n")[2].partition("\n## ")[0]
+    said, rig = "", ""
+    for _, kind, raw in BLOCK.findall(part):
+        text = textwrap.dedent(raw)
+        if kind == "yaml":
+            edit(text, folder)
+        for line in text.splitlines() if kind == "sh" else ():
+            if line.startswith("ros2 run"):
+                said = run(line, folder)
+            else:
+                rig = re.fullmatch(r'make demo ARGS="--rig (\w+)"', line)[1]
+    return said, folder / rig
+
+
+@pytest.mark.parametrize(("section", "cables"), [("Seven cables", 7), ("Ten cables", 10)])
+def test_the_page_makes_a_rig(tmp_path, section, cables):
+    said, folder = follow(section, tmp_path)
+    rig = load_rig(folder)
+    assert rig.geometry.cables == cables == len(rig.limbs.gain) == load_plan(rig=folder).limbs
+    assert f"{cables} cables of " in said
+    assert ("2 cards on one clock" in said) == (cables > 8)
+    assert {path.name for path in folder.iterdir()} == {file.name for file in FILES}
+
+
+def test_a_real_second_card_is_refused_with_the_reason(tmp_path):
+    _, folder = follow("Ten cables", tmp_path)
+    with pytest.raises(CardError, match=r"one card, got 2.*drift apart"):
+        open_q8("0", load_card(folder))
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize(("section", "cables"), [("Seven cables", 7), ("Ten cables", 10)])
+def test_the_rig_of_the_page_runs(tmp_path, section, cables):
+    _, folder = follow(section, tmp_path)
+    program = tmp_path / "short.csv"
+    program.write_text(PROGRAM)
+    values = {
+        "rig": str(folder),
+        "lockstep": True,
+        "auto_start": True,
+        "program": str(program),
+        "exit_when_done": True,
+        "output": str(tmp_path / "bag"),
+    }
+    ended = run_bench(values, lambda *_: None, tmp_path / "log")
+    assert (ended.first, ended.code) == ("load_program", 0), (tmp_path / "log").as_posix()
+    bag = read_bag(tmp_path / "bag")
+    assert bag.metadata["rig"] == folder.name
+    tension = bag.topics["limb_state"]["tension"]
+    assert tension.shape[1] == cables
+    # The wrench of the programme's last stretch, by the sensor, in the axes of the platform.
+    turn = load_rig(folder).geometry.reference_rotation
+    measured = bag.topics["wrench"]["wrench"][-50:].mean(axis=0)
+    desired = np.array([10.0, -10.0, 15.0, 0.5, -0.5, 0.5])
+    expected = np.concatenate([turn.T @ desired[:3], turn.T @ desired[3:]])
+    np.testing.assert_allclose(measured, expected, atol=[1.5] * 3 + [0.3] * 3)
+
+
+def test_new_rig_never_overwrites(tmp_path):
+    (tmp_path / "mine").mkdir()
+    note = tmp_path / "mine" / "notes.txt"
+    note.write_text("keep me")
+    command = [sys.executable, "-m", "cabols_control.new_rig", "mine"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "expected nothing there" in done.stderr
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+
+
+def test_copies_for_eight_cables_are_the_bench(tmp_path):
+    run("ros2 run cabols_control new_rig mine", tmp_path)
+    mine, bench = load_rig(tmp_path / "mine"), load_rig()
+    np.testing.assert_array_equal(mine.geometry.base_points, bench.geometry.base_points)
+    assert (mine.limbs, mine.control) == (bench.limbs, bench.control)
+
+
+def test_what_may_be_missing_is_said(tmp_path):
+    run("ros2 run cabols_control new_rig mine", tmp_path)
+    for name in ("plant.yaml", "tracker_truth.yaml"):
+        (tmp_path / "mine" / name).unlink()
+    said = run("ros2 run cabols_sim check_rig mine", tmp_path)
+    assert "no plant.yaml" in said
+    assert "no tracker_truth.yaml" in said
+    assert issubclass(RigWarning, UserWarning)
