@@ -35,6 +35,7 @@ def written(tmp_path, **changes):
 
 
 POSE_MM = {**GOOD["reference_pose"], "position": mm(GOOD["reference_pose"]["position"])}
+POINTS = ("base_points", "platform_points")
 TWICE = {
     key: [*GOOD[key][:3], GOOD[key][2], *GOOD[key][4:]]
     for key in ("base_points", "platform_points")
