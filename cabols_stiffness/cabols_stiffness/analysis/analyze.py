@@ -58,7 +58,7 @@ def main(words: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _claimed(place: Path) -> Iterator[OutputFolder | None]:
-    """Claim the output folder; a campaign's own folder, whatever made it, takes its results."""
+    """Claim the output folder; a campaign's own folder always accepts its results."""
     if is_campaign(place):
         yield None
         return
@@ -67,7 +67,7 @@ def _claimed(place: Path) -> Iterator[OutputFolder | None]:
 
 
 def provenance(source: Source, found: Study) -> dict[str, object]:
-    """What result.yaml says of where its numbers come from."""
+    """Provenance of the numbers in result.yaml."""
     frames, validation = found.frames, found.point_validation
     return {
         "provenance": {
@@ -95,7 +95,7 @@ def provenance(source: Source, found: Study) -> dict[str, object]:
 
 
 def _compare(place: Path, source: Source) -> str:
-    """Say whether the bags hold just what the campaign measured as it ran."""
+    """Print whether the bags hold exactly the loads that the campaign saved."""
     if not is_campaign(place) or not (place / SAMPLES).exists():
         return ""
     online = {(load.group, load.load): to_cells(load) for load in read_samples(place)}

@@ -28,7 +28,7 @@ NEEDED = {
     "stiffness_load": "cabols_msgs/msg/StiffnessLoad",
 }
 KEPT_S = 120.0
-"""A window must end at most so long before its load is told: what is kept of the streams."""
+"""Longest time from a window's end to its load's message [s]: length of the kept streams."""
 RATE_HZ = 2000.0
 BATCH = 20_000
 WRENCH = (
@@ -39,7 +39,7 @@ WRENCH = (
 
 @dataclass
 class BagLoads:
-    """What a bag tells of a campaign.
+    """A campaign's data from a bag.
 
     Attributes:
         loads: that succeeded, in the order of recording.
@@ -56,7 +56,7 @@ class BagLoads:
 
 @dataclass(frozen=True)
 class _Announced:
-    """One StiffnessLoad whose window is still to come to its end."""
+    """One StiffnessLoad whose window has not ended yet."""
 
     whole: tuple[int, int, int, int, int]
     begin_ns: int

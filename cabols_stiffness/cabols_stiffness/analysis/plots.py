@@ -69,7 +69,7 @@ def validation_plots(validation: Validation) -> list[Any]:
 
 
 def load_plots(study: Study) -> list[Any]:
-    """Wrenches in the order of measurement, and what is left of the displacements."""
+    """Draw wrenches in the order of measurement, and the residuals of the displacements."""
     wrench = study.samples.wrench
     count = np.arange(1, len(wrench) + 1)
     plots = [

@@ -104,7 +104,7 @@ def read_source(
 
 
 def _read(folder: Path, plan: CampaignPlan, geometry: str | Path | None) -> BagLoads | None:
-    """Read one bag; of a run that was cut, what there is. None: a campaign's run without loads."""
+    """Read one bag, or the readable part of an interrupted run's; None for a run without loads."""
     if not is_campaign(folder.parent.parent):
         return read_loads(folder, plan, geometry)
     if not any(folder.glob("*.mcap")):

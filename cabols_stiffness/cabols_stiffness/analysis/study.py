@@ -1,4 +1,4 @@
-"""What a campaign's loads say: the pooled stiffness, that of each configuration, the validation."""
+"""Study of a campaign's loads: pooled stiffness, stiffness by configuration, validation."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ Rows = list[list[str]]
 
 
 def stiffness_table(study: Study) -> tuple[list[str], Rows]:
-    """Table 4.3: stiffness of each joint at each configuration, their mean, and what is pooled."""
+    """Return table 4.3: each joint's stiffness by configuration, their mean, the pooled result."""
     each = (f"conf. {number(index)}" for index, _ in study.by_configuration)
     header = ["joint", *each, "mean", "pooled", "deviation", "95 %"]
     values = np.array([found for _, found in study.by_configuration])

@@ -1,4 +1,4 @@
-"""What a load tells about the joints: information in scaled units, before anything is measured."""
+"""Information of a load about the joints, in scaled units, before any measurement."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cabols_stiffness.model.screws import point_motion
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What is known before the campaign.
+    """Prior knowledge before the campaign.
 
     Attributes:
         robot: with the platform as its tool.

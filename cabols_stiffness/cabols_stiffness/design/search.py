@@ -12,7 +12,7 @@ from cabols_control.errors import CabolsError
 from cabols_stiffness.design.information import Information
 
 RIDGE = 1e-3
-"""Information of a parameter known to thirty times its size: the greedy start has no zeros."""
+"""Prior information, a deviation of thirty times the parameter: the greedy start has no zeros."""
 
 SWEEPS = 5
 """Of exchanges over all chosen loads, at most."""
@@ -111,7 +111,7 @@ class _Search:
         self.order: list[int] = []
 
     def total(self) -> FloatArray:
-        """(p, p) information of what is chosen."""
+        """Return the (p, p) information of the chosen loads."""
         return np.asarray(np.sum([np.zeros_like(self._ridge), *self._stays.values()], axis=0))
 
     def add(self, index: int, times: float = 1.0) -> None:
@@ -129,7 +129,7 @@ class _Search:
             self._stays.pop(where, None)
 
     def best(self) -> tuple[int, float]:
-        """Candidate whose choice helps most, and the criterion with it."""
+        """Return the candidate that improves the criterion most, and the criterion with it."""
         total = self.total() + self._ridge
         best, least = -1, np.inf
         for where in np.unique(self._information.configuration):

@@ -1,4 +1,4 @@
-"""The numbers behind `identify`: weighted Gauss-Newton, outliers, and what the data determine.
+"""Numerics of `identify`: weighted Gauss-Newton, outliers, and what the data determine.
 
 Parameters are the joints' compliance c = 1/b, in which the deflection is linear, so that estimates
 are unbiased and their intervals right even where they are wide; the cubic terms a; and friction
@@ -26,7 +26,7 @@ CONVERGED = 1e-6
 
 FREE = 1e-2
 """Singular values of the scaled, whitened columns below this are directions that the data leave
-free: a hundred times the parameters' own size along them is one standard deviation."""
+unidentifiable: a hundred times the parameters' own size along them is one standard deviation."""
 
 HUBER = 2.0
 """Distances beyond this many typical ones get less weight while outliers are looked for."""
@@ -53,9 +53,9 @@ class Parameters:
     cubic: FloatArray
     friction: FloatArray
 
-    def law(self, slides: FloatArray | None, published: bool) -> Law:
-        """The joints' law; slides (k, 6) say how far, -1 to 1, friction is drawn in each sample."""
-        friction = None if slides is None else self.friction * slides
+    def law(self, friction_state: FloatArray | None, published: bool) -> Law:
+        """Return the joints' law; friction_state (k, 6) is the samples' share of it, -1 to 1."""
+        friction = None if friction_state is None else self.friction * friction_state
         return Law(1.0 / self.compliance, self.cubic, friction, published)
 
 
@@ -66,20 +66,20 @@ class Model:
     Attributes:
         cubic: whether cubic terms are.
         published: whether by the source's (4.15).
-        slides: (k, 6) see Parameters.law; None: no friction is estimated.
-        rubs: (6,) joints whose friction is estimated.
+        friction_state: (k, 6) see Parameters.law; None: no friction is estimated.
+        has_friction: (6,) joints whose friction is estimated.
     """
 
     cubic: bool
     published: bool
-    slides: FloatArray | None
-    rubs: BoolArray
+    friction_state: FloatArray | None
+    has_friction: BoolArray
 
     @property
     def estimated(self) -> BoolArray:
         """(18,) which of compliance, cubic, friction are estimated."""
         cubic = np.full(JOINTS, self.cubic)
-        return np.concatenate([np.ones(JOINTS, dtype=np.bool_), cubic, self.rubs])
+        return np.concatenate([np.ones(JOINTS, dtype=np.bool_), cubic, self.has_friction])
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +88,9 @@ class Fitted:
 
     Attributes:
         parameters: found.
-        scale: (18,) of the parameters, in which `covariance` and `free` are.
+        scale: (18,) of the parameters, in which `covariance` and `unidentifiable` are.
         covariance: (18, 18) for noise of the stated size, zero where not estimated.
-        free: (18,) parameters that the data do not determine; their covariance is only a floor.
+        unidentifiable: (18,) not determined by the data; their covariance is a floor.
         use: (k,) samples that were used.
         chi_square: of the normalised residuals.
         freedom: numbers measured minus numbers estimated.
@@ -106,7 +106,7 @@ class Fitted:
     parameters: Parameters
     scale: FloatArray
     covariance: FloatArray
-    free: BoolArray
+    unidentifiable: BoolArray
     use: BoolArray
     chi_square: float
     freedom: int
@@ -191,7 +191,7 @@ def _gauss_newton(
     weights = use.astype(np.float64)
     chosen = np.flatnonzero(model.estimated)
     while True:
-        line = observations.linearise(parameters.law(model.slides, model.published))
+        line = observations.linearise(parameters.law(model.friction_state, model.published))
         scale = _scales(parameters, line)
         columns = _columns(line, parameters, model)[:, :, chosen] * scale[chosen]
         rows = whiten(line, columns, observations.samples, weights)
@@ -214,13 +214,13 @@ def _gauss_newton(
     inverse = right.T / np.maximum(singular, FREE)
     covariance = np.zeros((scale.size, scale.size))
     covariance[np.ix_(chosen, chosen)] = inverse @ inverse.T
-    free = np.zeros(scale.size, dtype=np.bool_)
-    free[chosen] = (np.abs(right[~known]) > 1e-3).any(axis=0)
+    unidentifiable = np.zeros(scale.size, dtype=np.bool_)
+    unidentifiable[chosen] = (np.abs(right[~known]) > 1e-3).any(axis=0)
     # A softening that was stopped at its bound is no estimate, nor is the slope beside it.
     bound = model.cubic & (parameters.cubic <= 0.999 * _least_cubic(parameters.compliance, line))
-    free[: 2 * JOINTS] |= np.tile(bound, 2)
+    unidentifiable[: 2 * JOINTS] |= np.tile(bound, 2)
     return Fitted(
-        parameters, scale, covariance, free, use,
+        parameters, scale, covariance, unidentifiable, use,
         float(target @ target),
         int(target.size) - rows.shared - int(known.sum()),
         distances, line.balance.deflection, line, columns, chosen < 2 * JOINTS, steps, converged,
@@ -255,8 +255,10 @@ def _columns(line: Linearised, parameters: Parameters, model: Model) -> FloatArr
     """(k, m, 18) derivatives of the prediction by compliance, cubic, friction."""
     rest = line.balance
     by_compliance = line.motion @ rest.by_stiffness / -(parameters.compliance**2)
-    slides = np.zeros_like(rest.deflection) if model.slides is None else model.slides
-    by_friction = -line.motion @ rest.softness * slides[:, None, :]
+    friction_state = (
+        np.zeros_like(rest.deflection) if model.friction_state is None else model.friction_state
+    )
+    by_friction = -line.motion @ rest.softness * friction_state[:, None, :]
     return np.concatenate([by_compliance, line.motion @ rest.by_cubic, by_friction], axis=2)
 
 

@@ -1,9 +1,9 @@
 """Hysteresis: friction torques of the joints, seen where loading and unloading branches differ.
 
 A joint's friction is springs in parallel, each behind a slider that gives (Maxwell slip, Iwan
-1966): the torque rises over a `reach` of motion to its full size and stays there until the motion
-turns back. What a sample's friction is relative to its full size, -1 to 1, follows from the
-deflections in the order of measurement: the `slides`. So friction is linear in one number for each
+1966): the torque rises over a `travel` of motion to its full size and stays there until the motion
+reverses. The `friction_state`, a sample's friction relative to its full size, -1 to 1, follows from
+the deflections in the order of measurement. Friction is therefore linear in one number for each
 joint, and is tested and estimated like any other parameter.
 """
 
@@ -20,24 +20,24 @@ from cabols_stiffness.measurements.samples import UNLOADING, PointSamples, Sampl
 from cabols_stiffness.model.robot import JOINTS
 
 SLIDERS = 4
-"""Per joint; they give one after the other."""
+"""Sliders of a joint; they yield one after the other."""
 
-REACHES = np.repeat(np.geomspace(3e-6, 3e-3, 19)[:, None], JOINTS, axis=1)
-"""(n, 6) candidates for the motion after which all sliders of a joint have given [rad]."""
+TRAVELS = np.repeat(np.geomspace(3e-6, 3e-3, 19)[:, None], JOINTS, axis=1)
+"""(n, 6) candidates for the motion after which all sliders of a joint have yielded [rad]."""
 
 FINER = np.geomspace(0.75, 4.0 / 3.0, 11)
-"""Factors on a reach that was found, for a closer look."""
+"""Factors on a detected travel, for refinement."""
 
 SIGNIFICANT = 5.0
-"""Standard deviations by which a friction torque must differ from zero to be taken for real."""
+"""Standard deviations by which a friction torque must differ from zero to be significant."""
 
 
 def stays(samples: PointSamples | Samples, kept: bool) -> list[IntArray]:
-    """Indices of the samples of each stay at a configuration, in order; see slides.
+    """Indices of the samples of each stay at a configuration, in order; see friction_state.
 
     Args:
         samples: in any order.
-        kept: whether the sliders stay where they are from stay to stay: one stay, then.
+        kept: whether the sliders keep their positions from stay to stay, i.e. form one stay.
     """
     order = np.arange(len(samples))
     if isinstance(samples, PointSamples):
@@ -48,26 +48,26 @@ def stays(samples: PointSamples | Samples, kept: bool) -> list[IntArray]:
     return list(np.split(order, np.flatnonzero(np.diff(samples.configuration[order])) + 1))
 
 
-def slides(
-    samples: PointSamples | Samples, deflection: FloatArray, reach: FloatArray, kept: bool
+def friction_state(
+    samples: PointSamples | Samples, deflection: FloatArray, travel: FloatArray, kept: bool
 ) -> FloatArray:
-    """Share of the friction that is drawn in each sample.
+    """Compute each sample's friction relative to its full size.
 
-    From pass to pass at a configuration the sliders keep where they are.
+    From pass to pass at a configuration the sliders keep their positions.
 
     Args:
         samples: whose order counts: points by time, poses as given.
-        deflection: (k, ..., 6) of the joints; leading dimensions of `reach` broadcast [rad].
-        reach: (..., 6) motion after which all sliders of a joint have given [rad].
-        kept: whether they keep where they are when the robot moves to another configuration, too;
-            else its motion has relaxed them.
+        deflection: (k, ..., 6) of the joints; leading dimensions of `travel` broadcast [rad].
+        travel: (..., 6) motion after which all sliders of a joint have yielded [rad].
+        kept: whether they keep their positions also when the robot moves to another configuration;
+            otherwise its motion has relaxed them.
 
     Returns:
         (k, ..., 6) from -1 to 1.
     """
-    shape = np.broadcast_shapes(deflection.shape[1:], reach.shape)
+    shape = np.broadcast_shapes(deflection.shape[1:], travel.shape)
     share = np.empty((len(samples), *shape))
-    steps = reach[..., None] * np.arange(1, SLIDERS + 1) / SLIDERS
+    steps = travel[..., None] * np.arange(1, SLIDERS + 1) / SLIDERS
     for members in stays(samples, kept):
         drawn = np.zeros((*shape, SLIDERS))
         before = np.zeros(shape)
@@ -80,72 +80,74 @@ def slides(
 
 
 def has_branches(samples: PointSamples | Samples) -> bool:
-    """Whether there is an unloading branch at all, without which friction looks like stiffness."""
+    """Whether there is an unloading branch, without which friction looks like stiffness."""
     return bool((samples.branch == UNLOADING).any())
 
 
 def detect(
-    observations: Observations, found: Fitted, model: Model, reaches: FloatArray
+    observations: Observations, found: Fitted, model: Model, travels: FloatArray
 ) -> tuple[FloatArray, Model]:
     """Look for friction in the residuals of a fit.
 
-    For every joint the reach that explains most is taken; then the torques of all joints are
-    estimated together, beside all other parameters, and those that matter are kept.
+    For every joint the travel that explains most is chosen; then the torques of all joints are
+    estimated together, beside all other parameters, and the significant ones are kept.
 
     Args:
         observations: of the robot.
         found: fit of them, with or without friction.
         model: of that fit.
-        reaches: (n, 6) candidates for each joint [rad].
+        travels: (n, 6) candidates for each joint [rad].
 
     Returns:
-        (6,) reach of each joint [rad], and the model with the joints that rub.
+        (6,) travel of each joint [rad], and the model with the joints that have friction.
     """
-    best = max((_scored(observations, found, model, reaches, kept) for kept in (False, True)),
+    best = max((_scored(observations, found, model, travels, kept) for kept in (False, True)),
                key=lambda each: each.gain)  # fmt: skip
-    rubs = _significant(best.columns, best.target, found.freedom)
-    slides_found = best.slides if rubs.any() else None
-    return best.reach, Model(model.cubic, model.published, slides_found, rubs)
+    has_friction = _significant(best.columns, best.target, found.freedom)
+    state = best.friction_state if has_friction.any() else None
+    return best.travel, Model(model.cubic, model.published, state, has_friction)
 
 
 @dataclass(frozen=True, eq=False)
 class _Scored:
-    """Best reach (6,), what all explain, their columns (n, 6), target (n,), slides (k, 6)."""
+    """Best travel (6,), explained sum of squares, columns (n, 6), target (n,), states (k, 6)."""
 
-    reach: FloatArray
+    travel: FloatArray
     gain: float
     columns: FloatArray
     target: FloatArray
-    slides: FloatArray
+    friction_state: FloatArray
 
 
 def _scored(
-    observations: Observations, found: Fitted, model: Model, reaches: FloatArray, kept: bool
+    observations: Observations, found: Fitted, model: Model, travels: FloatArray, kept: bool
 ) -> _Scored:
     line, samples, weights = found.line, observations.samples, found.use.astype(np.float64)
-    share = slides(samples, found.deflection[:, None, :], reaches, kept)
+    share = friction_state(samples, found.deflection[:, None, :], travels, kept)
     softened = -line.motion @ line.balance.softness
     candidates = softened[:, :, None, :] * share[:, None, :, :]
     base = found.columns[:, :, found.elastic]
-    # The residual without any friction: what the friction of this fit explains is put back.
+    # The residual without friction: the share that this fit's friction explains is added back.
     drawn = np.zeros((*base.shape[:2], 1))
-    if model.slides is not None:
-        drawn = (softened * (model.slides * found.parameters.friction)[:, None, :]).sum(axis=2)
+    if model.friction_state is not None:
+        drawn = (softened * (model.friction_state * found.parameters.friction)[:, None, :]).sum(
+            axis=2
+        )
         drawn = drawn[..., None]
     columns = np.concatenate([base, drawn, candidates.reshape(*base.shape[:2], -1)], axis=2)
     rows = whiten(line, columns, samples, weights)
     matrix = rows.columns[found.use].reshape(-1, columns.shape[2])
     count = base.shape[2]
     target = rows.residual[found.use].ravel() + matrix[:, count]
-    tried = matrix[:, count + 1 :].reshape(target.size, len(reaches), JOINTS)
+    tried = matrix[:, count + 1 :].reshape(target.size, len(travels), JOINTS)
     others = found.columns[:, :, ~found.elastic]
-    rubbing = whiten(line, others, samples, weights).columns[found.use]
+    friction = whiten(line, others, samples, weights).columns[found.use]
     best = np.array(
         [
             _best(
                 tried[:, :, j],
                 target,
-                np.hstack([matrix[:, :count], _without(rubbing, model, j)]),
+                np.hstack([matrix[:, :count], _without(friction, model, j)]),
             )
             for j in range(JOINTS)
         ]
@@ -157,18 +159,18 @@ def _scored(
     target = target - basis @ (basis.T @ target)
     explained, *_ = np.linalg.lstsq(chosen, target, rcond=1e-9)
     gain = float(np.sum((chosen @ explained) ** 2))
-    return _Scored(reaches[best, joint], gain, chosen, target, share[:, best, joint])
+    return _Scored(travels[best, joint], gain, chosen, target, share[:, best, joint])
 
 
-def _without(rubbing: FloatArray, model: Model, joint: int) -> FloatArray:
-    """(n, p) friction columns (k, m, p) of the other joints that rub."""
-    others = np.flatnonzero(model.rubs) != joint
-    rows = rubbing.shape[0] * rubbing.shape[1]
-    return np.asarray(rubbing[:, :, others].reshape(rows, int(others.sum())))
+def _without(friction: FloatArray, model: Model, joint: int) -> FloatArray:
+    """Return the friction columns (n, p) of (k, m, p) of the other joints that have friction."""
+    others = np.flatnonzero(model.has_friction) != joint
+    rows = friction.shape[0] * friction.shape[1]
+    return np.asarray(friction[:, :, others].reshape(rows, int(others.sum())))
 
 
 def _best(tried: FloatArray, target: FloatArray, beside: FloatArray) -> int:
-    """Which of the columns (n, c) explains most of a target (n,), beside other columns (n, p).
+    """Return which of the columns (n, c) explains most of a target (n,), beside others (n, p).
 
     Only friction against the motion counts, so a column must explain with a positive sign.
     """
@@ -182,7 +184,7 @@ def _best(tried: FloatArray, target: FloatArray, beside: FloatArray) -> int:
 
 
 def _significant(columns: FloatArray, target: FloatArray, freedom: int) -> BoolArray:
-    """(6,) joints whose friction stands out; the least significant is dropped until all do."""
+    """Return the (6,) joints with significant friction; the least significant is dropped first."""
     kept = np.linalg.norm(columns, axis=0) > 0.0
     while kept.any():
         index = np.flatnonzero(kept)

@@ -30,7 +30,7 @@ from cabols_stiffness.identification.gauss_newton import (
     Parameters,
     fit,
 )
-from cabols_stiffness.identification.hysteresis import FINER, REACHES, detect, has_branches
+from cabols_stiffness.identification.hysteresis import FINER, TRAVELS, detect, has_branches
 from cabols_stiffness.identification.observations import (
     DRIFT_SAMPLES,
     Observations,
@@ -95,19 +95,19 @@ def estimate(
     robust: bool = True,
     hysteresis: bool = True,
 ) -> tuple[Fitted, Model, StiffnessResult]:
-    """As identify; returns the fit and what was estimated, too."""
+    """Do as identify; return also the fit and the estimated model."""
     if model not in MODELS:
         raise CabolsError(f"model: expected one of {', '.join(MODELS)}, got {model!r}")
     samples = observations.samples
     _check_count(samples, model)
     begin = _start(observations, model, start)
     nothing = np.zeros(JOINTS, dtype=np.bool_)
-    wanted = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
-    found = fit(observations, wanted, begin, robust)
-    reach = np.zeros(JOINTS)
+    estimated = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
+    found = fit(observations, estimated, begin, robust)
+    travel = np.zeros(JOINTS)
     if hysteresis and model != AS_PUBLISHED and has_branches(samples):
-        found, wanted, reach = _with_friction(observations, wanted, found, robust)
-    return found, wanted, summarise(found, model, reach)
+        found, estimated, travel = _with_friction(observations, estimated, found, robust)
+    return found, estimated, summarise(found, model, travel)
 
 
 def _start(observations: Observations, model: str, start: StiffnessResult | None) -> Parameters:
@@ -121,25 +121,25 @@ def _start(observations: Observations, model: str, start: StiffnessResult | None
 def _with_friction(
     observations: Observations, model: Model, found: Fitted, robust: bool
 ) -> tuple[Fitted, Model, FloatArray]:
-    reach, reaches = np.zeros(JOINTS), REACHES
+    travel, travels = np.zeros(JOINTS), TRAVELS
     for _ in range(FRICTION_ROUNDS):
-        before = reach
-        candidate, model = detect(observations, found, model, reaches)
-        reach = np.where(model.rubs, candidate, 0.0)
-        if model.slides is None and not before.any():
+        before = travel
+        candidate, model = detect(observations, found, model, travels)
+        travel = np.where(model.has_friction, candidate, 0.0)
+        if model.friction_state is None and not before.any():
             break
-        rubbing = np.where(model.rubs, found.parameters.friction, 0.0)
-        # What was left out so far may only have missed its friction: judged again at the end.
-        begin = replace(found.parameters, friction=rubbing)
+        friction = np.where(model.has_friction, found.parameters.friction, 0.0)
+        # Samples left out so far may only have lacked friction: they are judged again at the end.
+        begin = replace(found.parameters, friction=friction)
         found = fit(observations, model, begin, robust=False, use=found.use)
-        if np.allclose(reach, before, rtol=0.01, atol=0.0):
+        if np.allclose(travel, before, rtol=0.01, atol=0.0):
             break
-        # Joints that do not rub yet may do so once the others' friction is known.
-        coarse = REACHES[np.linspace(0, len(REACHES) - 1, FINER.size).astype(int)]
-        reaches = np.where(reach > 0.0, FINER[:, None] * reach, coarse)
-    if robust and reach.any():
+        # Joints without friction so far may show it once the others' friction is known.
+        coarse = TRAVELS[np.linspace(0, len(TRAVELS) - 1, FINER.size).astype(int)]
+        travels = np.where(travel > 0.0, FINER[:, None] * travel, coarse)
+    if robust and travel.any():
         found = fit(observations, model, found.parameters, use=found.use)
-    return found, model, reach
+    return found, model, travel
 
 
 def _check_count(samples: PointSamples | Samples, model: str) -> None:
@@ -158,15 +158,17 @@ def _check_count(samples: PointSamples | Samples, model: str) -> None:
         )
 
 
-def summarise(found: Fitted, model: str, reach: FloatArray) -> StiffnessResult:
-    """What a fit means: stiffness and cubic terms, covariances, intervals, what is identified."""
+def summarise(found: Fitted, model: str, travel: FloatArray) -> StiffnessResult:
+    """Summarise a fit: stiffness and cubic terms, covariances, intervals, identifiability."""
     freedom = max(found.freedom, 1)
     variance = found.chi_square / freedom
     parameters, width = found.parameters, float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom))
     relative = np.sqrt(variance * np.diagonal(found.covariance))
     with_cubic = model != LINEAR
-    identifiable = ~found.free[:JOINTS] & (relative[:JOINTS] <= WORST_RELATIVE)
-    cubic_known = ~found.free[JOINTS : 2 * JOINTS] & (relative[JOINTS : 2 * JOINTS] <= WORST_CUBIC)
+    identifiable = ~found.unidentifiable[:JOINTS] & (relative[:JOINTS] <= WORST_RELATIVE)
+    cubic_known = ~found.unidentifiable[JOINTS : 2 * JOINTS] & (
+        relative[JOINTS : 2 * JOINTS] <= WORST_CUBIC
+    )
     cubic_known &= with_cubic
 
     stiffness = 1.0 / parameters.compliance
@@ -203,9 +205,9 @@ def summarise(found: Fitted, model: str, reach: FloatArray) -> StiffnessResult:
         parameters=np.concatenate([stiffness, parameters.cubic]),
         parameter_covariance=physical,
         joint_range=_range(found.deflection, found.use),
-        friction=np.where(reach > 0.0, parameters.friction, 0.0),
+        friction=np.where(travel > 0.0, parameters.friction, 0.0),
         friction_deviation=relative[2 * JOINTS :] * found.scale[2 * JOINTS :],
-        friction_reach=reach,
+        friction_reach=travel,
     )
 
 

@@ -1,4 +1,4 @@
-"""Stiffness from measured loads: frames, what the deflection does to the data, identification."""
+"""Stiffness from measured loads: frames, corrections for the deflection, identification."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ thousandth of the stiffness, so each comes a thousand times nearer."""
 
 @dataclass(frozen=True, eq=False)
 class LoadsResult:
-    """What loads say.
+    """Result of identifying loads.
 
     Attributes:
         result: of the last pass.
@@ -69,7 +69,7 @@ def identify_loads(
     model: str = LINEAR,
     start: StiffnessResult | None = None,
 ) -> LoadsResult:
-    """Identify in passes, each with what the one before says of the loaded robot.
+    """Identify in passes; each corrects the data by the result of the one before.
 
     Args:
         loads: one or more.

@@ -1,4 +1,4 @@
-"""What samples say about joint deflections: residuals, their derivatives and their weights.
+"""Samples as observations of joint deflections: residuals, derivatives and weights.
 
 A measured motion m of the tool (a reflector's position, or a pose) is explained by the deflections
 d that balance the measured wrench: m = g(d(p, w)) + noise. The noise has two parts: the tracker's,
@@ -109,7 +109,7 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """Rows of unit variance, with what groups share taken out.
+    """Return rows of unit variance, without the groups' common parts.
 
     Attributes:
         residual: (k, m).
@@ -193,6 +193,6 @@ def start_stiffness(observations: Observations) -> FloatArray:
     compliance = np.zeros(JOINTS)
     found = np.linalg.lstsq(matrix[:, known] / scale[known], rows.residual.ravel(), rcond=1e-6)[0]
     compliance[known] = found / scale[known]
-    # A joint whose motion drowns in the noise starts as stiff as would move it by that noise.
+    # A joint whose motion is below the noise starts with the stiffness that moves it by that noise.
     floor = np.where(known, 1.0 / np.where(known, scale, 1.0), 1e-9)
     return np.asarray(1.0 / np.clip(compliance, np.minimum(floor, 1e-3), 1.0))

@@ -43,7 +43,7 @@ class OnlineIdentifier:
 
     @property
     def accurate(self) -> bool:
-        """Whether every joint is identified as accurately as was asked for."""
+        """Whether every joint is identified with the requested accuracy."""
         result = self.result
         if result is None or not self._accuracy > 0.0:
             return False

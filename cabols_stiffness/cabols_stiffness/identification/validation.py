@@ -22,7 +22,7 @@ FOLDS = 5
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """Deflections of samples that the result does not know: m numbers for each of k.
+    """Deflections of samples outside the identification: m numbers for each of k.
 
     Points: displacements of the reflectors, against the offset and drift of their pass. Poses:
     6-DOF deflections of the tool.

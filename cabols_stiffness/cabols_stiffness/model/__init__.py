@@ -1,1 +1,1 @@
-"""Elastic model of a robot, and what follows from it."""
+"""Elastic model of a robot, with prediction, compensation and compliance."""

@@ -43,7 +43,7 @@ def correct(
     *,
     follows: bool = False,
 ) -> Correction:
-    """Command under which the loaded robot stands where the unloaded one was meant to.
+    """Compute the command with which the loaded robot reaches the pose meant for the unloaded one.
 
     The loaded arm is then at `joints`, whose Jacobian is known, so that the balance falls apart
     into one equation for each joint, J(q)^T w = a d^3 + b d, and the command is q - d: exact, no

@@ -15,7 +15,7 @@ from cabols_stiffness.model.robot import JOINTS, RobotModel
 from cabols_stiffness.model.screws import logarithm
 
 BEYOND = 1.2
-"""Times a joint's largest deflection in the data beyond which a prediction extrapolates."""
+"""Multiple of a joint's largest deflection in the data beyond which a prediction extrapolates."""
 
 
 @dataclass(frozen=True, eq=False)

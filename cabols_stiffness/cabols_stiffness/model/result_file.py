@@ -1,6 +1,6 @@
 """result.yaml: an identification's numbers, for people and for programs.
 
-Keys that this file does not know, such as the provenance that a report adds, are left alone.
+Unknown keys, such as the provenance that a report adds, are ignored.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FORMAT = "cabols stiffness 1"
 
 
 def to_mapping(result: StiffnessResult, robot: RobotModel) -> dict[str, Any]:
-    """Return what result.yaml holds, as plain numbers and lists; None stands for NaN.
+    """Return the content of result.yaml as plain numbers and lists; None stands for NaN.
 
     Args:
         result: of an identification.
