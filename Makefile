@@ -52,6 +52,9 @@ test: setup browser  ## run the tests: pure ones in two processes, then those wi
 test-long: setup  ## run the tests that take minutes
 	@$(BIN)/python -m pytest -m long $(ARGS)
 
+colcon-test: setup browser  ## run each package's tests with colcon test
+	@$(BIN)/python tools/colcon_test.py $(ARGS)
+
 test-stress: setup browser  ## run the tests five times beside a busy loop (RUNS=5; goes on where it was)
 	@$(BIN)/python tools/stress_tests.py --runs $(or $(RUNS),5) -- $(ARGS)
 

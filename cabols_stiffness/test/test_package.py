@@ -1,0 +1,3 @@
+"""Run this package's tests, of the repository's tests/ folder, with `colcon test`."""
+
+from package_tests import test_package  # noqa: F401
