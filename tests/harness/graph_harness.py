@@ -22,6 +22,8 @@ from cabols_control.topics import Quality, topic_row
 from cabols_sim.bench.run import run_bench
 
 _DOMAINS = itertools.count()
+ASK_AGAIN_S = 10.0
+"""A request without an answer went to a server that was not matched: it is sent again."""
 
 
 def next_environment() -> dict[str, str]:
@@ -85,12 +87,21 @@ class Watcher:
         self.wait(repeated, what)
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Call a service and wait for its answer."""
+        """Call a service and return its answer; a request that is lost is sent again."""
         client = self.node.create_client(service_type, name)
-        assert client.wait_for_service(timeout_sec=30.0), f"no service {name}"
-        future = client.call_async(request)
-        self.wait(future.done, f"the answer of {name}")
-        return future.result()
+        self.wait(client.service_is_ready, f"the service {name}")
+        sent: list[Any] = []
+        due = time.monotonic()
+
+        def answered() -> bool:
+            nonlocal due
+            if time.monotonic() >= due:
+                sent.append(client.call_async(request))
+                due = time.monotonic() + ASK_AGAIN_S
+            return any(future.done() for future in sent)
+
+        self.wait(answered, f"the answer of {name}")
+        return next(future for future in sent if future.done()).result()
 
     def wait(self, condition: Callable[[], bool], what: str, seconds: float = 90.0) -> None:
         """Wait for a condition; fail with what was waited for."""

@@ -105,6 +105,7 @@ def test_every_kind_can_be_made():
     assert len({kind.name for kind in KINDS}) == len(KINDS)
 
 
+@pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.timeout(240)
 def test_a_trial_on_the_real_graph(tmp_path):

@@ -17,6 +17,8 @@ from cabols_control.bags.reader import read_bag
 from cabols_sim.bench.run import run_bench
 from graph_harness import next_environment, run_scenario
 
+pytestmark = pytest.mark.ros
+
 LOADED = {"auto_start": True, "program": "ramps", "speed": 0.1}
 """Slow motion: a machine that stalls for 10 ms stalls the rig for 1 ms; limits are the rig's."""
 
