@@ -62,9 +62,11 @@ class Simulated:
         self.daq.start(WATCHDOG_S)
 
     def see_counts(self, counts):
-        self.plant._state[:, 0] = (np.asarray(counts) + 0.5) / self.card.counts_per_metre
+        self.plant._state["motor_position"] = (
+            np.asarray(counts) + 0.5
+        ) / self.card.counts_per_metre
         # Slack, at rest, no current: nothing moves the motors.
-        self.plant._rest[:] = self.plant._state[:, 0] + 100.0
+        self.plant._rest[:] = self.plant._state["motor_position"] + 100.0
 
     def see_volts(self, volts):
         self.plant._bias[:] = volts

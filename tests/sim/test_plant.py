@@ -10,7 +10,7 @@ import pytest
 from cabols_control.kinematics import structure_matrix
 from cabols_control.limb import LimbModel, step_response
 from cabols_hw.card.config import ENCODER_MODULUS
-from cabols_sim.plant.limb_physics import cable_tension, limb_step
+from cabols_sim.plant.limb_physics import LIMB_STATE, cable_tension, limb_step
 from cabols_sim.plant.plant import Plant
 
 DT = 0.00025
@@ -22,18 +22,18 @@ def limbs(plant_config, **changes):
 
 def push(table, current, steps, state=None, rest=0.0, length=0.0):
     """Run one limb; returns (steps, 3) states and (steps,) tensions."""
-    state = np.zeros((1, 3)) if state is None else state
+    state = np.array([state or (0.0, 0.0, 0.0)], LIMB_STATE)
     tension, states, tensions = np.zeros(1), [], []
     for k in range(steps):
         i = np.array([current(k) if callable(current) else current])
         limb_step(table, state, i, np.array([rest]), np.array([length]), DT, tension)
-        states.append(state[0].copy())
+        states.append(list(state[0]))
         tensions.append(tension[0])
     return np.array(states), np.array(tensions)
 
 
 def test_free_motor_is_the_identified_model(plant_config):
-    table = plant_config.linear().limbs.table[:1]
+    table = plant_config.linear().limbs.parameters[:1]
     states, _ = push(table, 0.5, 4000, rest=100.0)
     time = np.arange(4001) * DT
     expected = step_response(LimbModel(0.853, 0.3564), time, np.full(4001, 0.5))[1:]
@@ -42,7 +42,7 @@ def test_free_motor_is_the_identified_model(plant_config):
 
 
 def test_dry_friction_holds_the_motor(plant_config):
-    table = limbs(plant_config, coulomb_current=0.1, load_current=0.0).table[:1]
+    table = limbs(plant_config, coulomb_current=0.1, load_current=0.0).parameters[:1]
     states, _ = push(table, 0.0999, 2000, rest=100.0)
     np.testing.assert_array_equal(states[:, :2], 0.0)
     states, _ = push(table, 0.11, 2000, rest=100.0)
@@ -51,15 +51,15 @@ def test_dry_friction_holds_the_motor(plant_config):
 
 def test_friction_never_drives(plant_config):
     """A coasting motor comes to rest and stays there."""
-    table = limbs(plant_config, coulomb_current=0.05).table[:1]
-    states, _ = push(table, 0.0, 20000, np.array([[0.0, 0.2, 0.0]]), rest=100.0)
+    table = limbs(plant_config, coulomb_current=0.05).parameters[:1]
+    states, _ = push(table, 0.0, 20000, (0.0, 0.2, 0.0), rest=100.0)
     assert (np.diff(np.abs(states[:, 1])) <= 0.0).all()
     assert states[-1, 1] == 0.0
 
 
 def test_backlash_is_a_play(plant_config):
     width = 0.002
-    table = limbs(plant_config, backlash=width, coulomb_current=0.0).table[:1]
+    table = limbs(plant_config, backlash=width, coulomb_current=0.0).parameters[:1]
     states, _ = push(table, lambda k: 0.5 if k < 2000 else -0.5, 6000, rest=100.0)
     gap = states[:, 0] - states[:, 2]
     assert np.abs(gap).max() == pytest.approx(width / 2)
@@ -70,28 +70,29 @@ def test_backlash_is_a_play(plant_config):
 
 
 def test_spring_and_cable_in_series(plant_config):
-    row = plant_config.limbs.table[0]
+    row = plant_config.limbs.parameters[0]
     length = 1.42
-    cable = row[8] + row[9] * length
+    cable = row["cable_compliance_fixed"] + row["cable_compliance_per_metre"] * length
     for tension in (0.2, 0.49, 0.51, 5.0, 150.0):
-        stretch = tension * cable + max(tension - row[7], 0.0) * row[6]
+        beyond = max(tension - row["spring_initial_tension"], 0.0)
+        stretch = tension * cable + beyond * row["spring_compliance"]
         assert cable_tension(stretch, length, row) == pytest.approx(tension)
     assert cable_tension(0.0, length, row) == 0.0
     assert cable_tension(-1.0, length, row) == 0.0
     # Section 3.4.1: 2.20 N/mm with the spring, 10.72 N/mm without.
     slope = (cable_tension(0.03, length, row) - cable_tension(0.02, length, row)) / 0.01
     assert slope == pytest.approx(2200.0, rel=0.01)
-    bare = plant_config.without_springs().limbs.table[0]
+    bare = plant_config.without_springs().limbs.parameters[0]
     assert cable_tension(0.01, length, bare) / 0.01 == pytest.approx(10720.0, rel=0.01)
 
 
 def test_longer_cable_is_softer(plant_config):
-    row = plant_config.limbs.table[0]
+    row = plant_config.limbs.parameters[0]
     assert cable_tension(0.01, 2.0, row) < cable_tension(0.01, 1.0, row)
 
 
 def test_load_through_the_gear_takes_current(plant_config):
-    held = limbs(plant_config, coulomb_current=0.0, load_current=0.001, backlash=0.0).table[:1]
+    held = limbs(plant_config, coulomb_current=0.0, load_current=0.001, backlash=0.0).parameters[:1]
     # 0.1 A balance 100 N: the tension settles there.
     _, tension = push(held, 0.1, 400_000, rest=0.0, length=1.42)
     assert tension[-1] == pytest.approx(100.0, rel=1e-3)
@@ -124,7 +125,7 @@ def test_gauges_carry_the_wrench_through_the_calibration(rig, card, plant_config
 
 def test_encoder_wraps_at_24_bits(rig, card, plant_config):
     plant = Plant(rig, card, plant_config)
-    plant._state[0, 0] = (ENCODER_MODULUS // 2 + 5.5) / card.counts_per_metre
+    plant._state["motor_position"][0] = (ENCODER_MODULUS // 2 + 5.5) / card.counts_per_metre
     assert plant.sense()[0][0] == -ENCODER_MODULUS // 2 + 5
 
 

@@ -24,7 +24,7 @@ from cabols_hw.bridge.scaling import quantise, wrench_into
 from cabols_hw.card.config import CardConfig
 from cabols_sim.dynamics.vibration import VibrationModel
 from cabols_sim.plant.config import PlantConfig
-from cabols_sim.plant.limb_physics import cable_wrench, limb_step
+from cabols_sim.plant.limb_physics import LIMB_STATE, cable_wrench, limb_step
 from cabols_sim.plant.vibrating_platform import (
     Platform,
     make_platform,
@@ -63,8 +63,8 @@ class Trace:
 
 
 class _Limbs(NamedTuple):
-    table: FloatArray
-    state: FloatArray
+    parameters: Any
+    state: Any
     rest: FloatArray
     length: FloatArray
     tension: FloatArray
@@ -113,7 +113,7 @@ def _run(
     desired: FloatArray,
     record: _Record,
 ) -> None:
-    n = limbs.table.shape[0]
+    n = limbs.parameters.shape[0]
     true, measured = np.zeros(6), np.zeros(6)
     volts, tared = np.zeros(6), np.zeros(6)
     accumulated, u, residual = np.zeros(6), np.zeros(6), np.zeros(6)
@@ -124,7 +124,7 @@ def _run(
     for k in range(desired.shape[0]):
         # The bridge: encoders to elongation, gauges to wrench.
         for i in range(n):
-            counts = limbs.state[i, 0] * sensors.counts_per_metre
+            counts = limbs.state[i]["motor_position"] * sensors.counts_per_metre
             if sensors.adc_step > 0.0:
                 counts = np.floor(counts)
             elongation[i] = counts / sensors.counts_per_metre - control.zero[i]
@@ -177,7 +177,13 @@ def _run(
             current[i] = volt * sensors.amperes_per_volt
         for _ in range(limbs.substeps):
             limb_step(
-                limbs.table, limbs.state, current, limbs.rest, limbs.length, dt_s, limbs.tension
+                limbs.parameters,
+                limbs.state,
+                current,
+                limbs.rest,
+                limbs.length,
+                dt_s,
+                limbs.tension,
             )
             if platform.active:
                 cable_wrench(control.matrix, limbs.tension, change)
@@ -221,7 +227,7 @@ def simulate(
         status=np.zeros(samples, dtype=np.int64),
     )
     limbs = _limbs_at(rig, plant, start_tension)
-    zero = limbs.state[:, 0] - start_tension / rig.limbs.stiffness
+    zero = limbs.state["motor_position"] - start_tension / rig.limbs.stiffness
     control = _control(rig, structure_matrix(rig.geometry, *pose), zero)
     platform = make_platform(vibration, PERIOD_S / plant.substeps)
     _run(limbs, _sensors(card, plant, samples, seed), control, platform, wanted, record)
@@ -232,14 +238,20 @@ def _limbs_at(rig: Rig, plant: PlantConfig, tension: float) -> _Limbs:
     """Limbs at rest with a tension."""
     pose = (rig.geometry.reference_position, rig.geometry.reference_rotation)
     length = cable_lengths(rig.geometry, *pose)
-    table = plant.limbs.table
-    cable = table[:, 8] + table[:, 9] * length
-    stretch = tension * cable + np.maximum(tension - table[:, 7], 0.0) * table[:, 6]
-    n = length.size
-    state = np.zeros((n, 3))
+    parameters, state = plant.limbs.parameters, np.zeros(length.size, LIMB_STATE)
+    fixed, per_metre = (parameters[f"cable_compliance_{kind}"] for kind in ("fixed", "per_metre"))
+    beyond = np.maximum(tension - parameters["spring_initial_tension"], 0.0)
+    stretch = tension * (fixed + per_metre * length) + beyond * parameters["spring_compliance"]
     # In pre-tightening the motor winds in, so it stands half the backlash ahead of the pulley.
-    state[:, 0] = 0.5 * table[:, 5]
-    return _Limbs(table, state, length - stretch, length, np.full(n, tension), plant.substeps)
+    state["motor_position"] = 0.5 * parameters["backlash"]
+    return _Limbs(
+        parameters=parameters,
+        state=state,
+        rest=length - stretch,
+        length=length,
+        tension=np.full(length.size, tension),
+        substeps=plant.substeps,
+    )
 
 
 def _sensors(card: CardConfig, plant: PlantConfig, samples: int, seed: int) -> _Sensors:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.checks import finite_array, in_range
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.frames import load_frames
 from cabols_control.rig import LimbsConfig
 from cabols_control.rig_folder import RigFolder, find_rig
 from cabols_hw.force_torque.ati import STANDARD_GRAVITY
+from cabols_sim.plant.limb_physics import LIMB_PARAMETERS
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -92,21 +94,24 @@ class LimbPlantConfig:
             )
 
     @property
-    def table(self) -> FloatArray:
-        """(n, 10) parameters of the compiled physics; see limb_physics.py."""
-        spring = 1.0 / self.spring_stiffness if self.spring_stiffness > 0.0 else 0.0
-        common = [
-            self.coulomb_current,
-            self.viscous_current,
-            self.load_current,
-            self.backlash,
-            spring,
-            self.spring_initial_tension if spring > 0.0 else 0.0,
-            self.cable_compliance_fixed,
-            self.cable_compliance_per_metre,
-        ]
-        pairs = zip(self.gain, self.time_constant, strict=True)
-        return np.array([[gain, time_constant, *common] for gain, time_constant in pairs])
+    def parameters(self) -> Any:
+        """(n,) records of LIMB_PARAMETERS as the compiled physics wants them."""
+        records = np.zeros(len(self.gain), LIMB_PARAMETERS)
+        for name in (
+            "gain",
+            "time_constant",
+            "coulomb_current",
+            "viscous_current",
+            "load_current",
+            "backlash",
+            "cable_compliance_fixed",
+            "cable_compliance_per_metre",
+        ):
+            records[name] = getattr(self, name)
+        if self.spring_stiffness > 0.0:
+            records["spring_compliance"] = 1.0 / self.spring_stiffness
+            records["spring_initial_tension"] = self.spring_initial_tension
+        return records
 
 
 @dataclass(frozen=True, config=STRICT)

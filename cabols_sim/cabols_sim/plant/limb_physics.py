@@ -1,42 +1,68 @@
-"""Physics of a limb: motor with friction, gear backlash, spring, cable; compiled.
-
-The columns of `table` (n, 10) are: k, T, Coulomb current, viscous current, load current, backlash,
-spring compliance, spring initial tension, fixed cable compliance, cable compliance per metre.
-The columns of `state` (n, 3) are: motor position x [m of cable], motor speed v [m/s], pulley
-position p [m of cable wound in].
-"""
+"""Physics of a limb: motor with friction, gear backlash, spring, cable; compiled."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
 
-COLUMNS = 10
+LIMB_PARAMETERS = np.dtype(
+    [
+        ("gain", np.float64),  # k [m/s/A]
+        ("time_constant", np.float64),  # T [s]
+        ("coulomb_current", np.float64),  # overcomes dry friction [A]
+        ("viscous_current", np.float64),  # per speed beyond what k contains [A s/m]
+        ("load_current", np.float64),  # holds 1 N of cable tension through the gear [A/N]
+        ("backlash", np.float64),  # at the cable [m]
+        ("spring_compliance", np.float64),  # [m/N]; 0 without a spring
+        ("spring_initial_tension", np.float64),  # below it the coils touch [N]
+        ("cable_compliance_fixed", np.float64),  # [m/N]
+        ("cable_compliance_per_metre", np.float64),  # [1/N]
+    ],
+    align=True,
+)
+"""True physics of one limb."""
+
+LIMB_STATE = np.dtype(
+    [
+        ("motor_position", np.float64),  # [m of cable]
+        ("motor_speed", np.float64),  # [m/s]
+        ("pulley_position", np.float64),  # cable wound in [m]
+    ],
+    align=True,
+)
+"""State of one limb."""
 
 
 @njit(cache=True)
-def cable_tension(elongation: float, length: float, row: FloatArray) -> float:
+def cable_tension(elongation: float, length: float, limb: Any) -> float:
     """Tension [N] of cable and spring in series, stretched by elongation [m]; none when slack.
 
     Below the spring's initial tension its coils touch and only the cable stretches.
+
+    Args:
+        elongation: of both [m].
+        length: of cable [m].
+        limb: record of LIMB_PARAMETERS.
     """
     if elongation <= 0.0:
         return 0.0
-    cable = row[8] + row[9] * length
-    initial = row[7]
+    cable = limb["cable_compliance_fixed"] + limb["cable_compliance_per_metre"] * length
+    initial, spring = limb["spring_initial_tension"], limb["spring_compliance"]
     below: float = elongation / cable
     if below <= initial:
         return below
-    beyond: float = (elongation + initial * row[6]) / (cable + row[6])
+    beyond: float = (elongation + initial * spring) / (cable + spring)
     return beyond
 
 
 @njit(cache=True)
 def limb_step(
-    table: FloatArray,
-    state: FloatArray,
+    limbs: Any,
+    state: Any,
     current: FloatArray,
     rest: FloatArray,
     length: FloatArray,
@@ -51,41 +77,42 @@ def limb_step(
     pulley follows within the backlash (a play held by friction).
 
     Args:
-        table: (n, 10) parameters.
-        state: (n, 3) motor position, speed, pulley position; updated.
+        limbs: (n,) records of LIMB_PARAMETERS.
+        state: (n,) records of LIMB_STATE; updated.
         current: (n,) [A].
-        rest: (n,) cable wound out and slack when p = 0, so that elongation is
-            length - rest + p [m].
+        rest: (n,) length of slack cable at pulley position 0, so that elongation is
+            length - rest + pulley position [m].
         length: (n,) distance between the cable's points [m].
         dt_s: step [s].
         tension: (n,) at the start of the step on entry, at its end on return [N].
     """
-    for i in range(table.shape[0]):
-        k, time_constant = table[i, 0], table[i, 1]
+    for i in range(limbs.shape[0]):
+        limb, now = limbs[i], state[i]
+        k = limb["gain"]
         # Viscous current beyond k slows the pole and lowers the gain: v (1 + k c) = k i.
-        slower = 1.0 + k * table[i, 3]
+        slower = 1.0 + k * limb["viscous_current"]
         gain = k / slower
-        decay = np.exp(-dt_s * slower / time_constant)
-        drive = gain * (current[i] - table[i, 4] * tension[i])
-        free = decay * state[i, 1] + (1.0 - decay) * drive
-        friction = (1.0 - decay) * gain * table[i, 2]
+        decay = np.exp(-dt_s * slower / limb["time_constant"])
+        drive = gain * (current[i] - limb["load_current"] * tension[i])
+        free = decay * now["motor_speed"] + (1.0 - decay) * drive
+        friction = (1.0 - decay) * gain * limb["coulomb_current"]
         if abs(free) <= friction:
             speed = 0.0
         elif free > 0.0:
             speed = free - friction
         else:
             speed = free + friction
-        state[i, 0] += 0.5 * (state[i, 1] + speed) * dt_s
-        state[i, 1] = speed
-        half = 0.5 * table[i, 5]
-        state[i, 2] = min(max(state[i, 2], state[i, 0] - half), state[i, 0] + half)
-        tension[i] = cable_tension(length[i] - rest[i] + state[i, 2], length[i], table[i])
+        now["motor_position"] += 0.5 * (now["motor_speed"] + speed) * dt_s
+        now["motor_speed"] = speed
+        half, motor = 0.5 * limb["backlash"], now["motor_position"]
+        now["pulley_position"] = min(max(now["pulley_position"], motor - half), motor + half)
+        tension[i] = cable_tension(length[i] - rest[i] + now["pulley_position"], length[i], limb)
 
 
 @njit(cache=True)
 def advance_limbs(
-    table: FloatArray,
-    state: FloatArray,
+    limbs: Any,
+    state: Any,
     current: FloatArray,
     rest: FloatArray,
     length: FloatArray,
@@ -95,7 +122,7 @@ def advance_limbs(
 ) -> None:
     """Advance all limbs by several integration steps; see limb_step."""
     for _ in range(steps):
-        limb_step(table, state, current, rest, length, dt_s, tension)
+        limb_step(limbs, state, current, rest, length, dt_s, tension)
 
 
 @njit(cache=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -12,7 +14,7 @@ from cabols_hw.bridge.scaling import quantise
 from cabols_hw.card.config import ENCODER_MODULUS, CardConfig
 from cabols_sim.faults import PlantFaults
 from cabols_sim.plant.config import PlantConfig
-from cabols_sim.plant.limb_physics import advance_limbs, cable_wrench
+from cabols_sim.plant.limb_physics import LIMB_STATE, advance_limbs, cable_wrench
 from cabols_sim.plant.target import RigidTarget, Target
 
 AMPLIFIER_LIMIT_A = 3.82
@@ -28,35 +30,51 @@ def _amplify_into(volts: FloatArray, step: float, gain: float, current: FloatArr
         current[i] = min(max(wanted, -AMPLIFIER_LIMIT_A), AMPLIFIER_LIMIT_A)
 
 
+SENSORS = np.dtype(
+    [
+        ("counts_per_metre", np.float64),
+        ("switch_tension", np.float64),  # where a limit switch closes [N]
+        ("switch_hysteresis", np.float64),  # it opens so much lower [N]
+        ("switch_active_low", np.int64),  # whether a closed switch pulls its line low
+        ("weight", np.float64, (3,)),  # of platform and tool, base axes [N]
+        ("centre", np.float64, (3,)),  # where it pulls, platform axes [m]
+        ("gauges", np.float64, (6, 6)),  # from wrench to gauge voltages [V/N, V/(N m)]
+        ("bias", np.float64, (6,)),  # of the gauges [V]
+        ("gauge_noise", np.float64),  # standard deviation [V]
+        ("adc_step", np.float64),  # [V]
+    ],
+    align=True,
+)
+"""True behaviour of encoders, limit switches and force/torque sensor."""
+
+
 @njit(cache=True)
-def _sense_into(
-    state: FloatArray,
-    counts_per_metre: float,
+def _sense_limbs(
+    sensors: Any,
+    state: Any,
     tension: FloatArray,
-    threshold: float,
-    hysteresis: float,
-    active_low: bool,
-    wrench: FloatArray,
-    weight: FloatArray,
-    centre: FloatArray,
-    rotation: FloatArray,
-    matrix: FloatArray,
-    bias: FloatArray,
-    noise: FloatArray,
-    deviation: float,
-    step: float,
     closed: BoolArray,
     counts: IntArray,
-    volts: FloatArray,
     lines: BoolArray,
 ) -> None:
-    """Encoder counts (n,), gauge voltages (6,) and line levels (n,) of the present state."""
-    half = ENCODER_MODULUS // 2
+    """Encoder counts (n,) and levels of the switches' lines (n,) of the present state."""
+    own, half = sensors[0], ENCODER_MODULUS // 2
     for i in range(tension.shape[0]):
-        whole = int(np.floor(state[i, 0] * counts_per_metre))
+        whole = int(np.floor(state[i]["motor_position"] * own["counts_per_metre"]))
         counts[i] = (whole + half) % ENCODER_MODULUS - half
-        closed[i] = tension[i] >= threshold - (hysteresis if closed[i] else 0.0)
-        lines[i] = closed[i] != active_low
+        closed[i] = tension[i] >= own["switch_tension"] - (
+            own["switch_hysteresis"] if closed[i] else 0.0
+        )
+        lines[i] = closed[i] != (own["switch_active_low"] != 0)
+
+
+@njit(cache=True)
+def _sense_wrench(
+    sensors: Any, wrench: FloatArray, rotation: FloatArray, noise: FloatArray, volts: FloatArray
+) -> None:
+    """Gauge voltages (6,) of the cables' wrench (6,), base axes, and of the tool's weight."""
+    own = sensors[0]
+    weight, centre, gauges, bias = own["weight"], own["centre"], own["gauges"], own["bias"]
     turned, pull = np.zeros(6), np.zeros(3)
     for axis in range(3):
         for k in range(3):
@@ -67,10 +85,23 @@ def _sense_into(
     turned[4] += centre[2] * pull[0] - centre[0] * pull[2]
     turned[5] += centre[0] * pull[1] - centre[1] * pull[0]
     for row in range(6):
-        volt = bias[row] + deviation * noise[row]
+        volt = bias[row] + own["gauge_noise"] * noise[row]
         for k in range(6):
-            volt += matrix[row, k] * turned[k]
-        volts[row] = quantise(volt, step, 10.0)
+            volt += gauges[row, k] * turned[k]
+        volts[row] = quantise(volt, own["adc_step"], 10.0)
+
+
+def _sensor_record(card: CardConfig, config: PlantConfig) -> Any:
+    """Build the (1,) record of SENSORS, without bias."""
+    sensors, record = config.sensors, np.zeros(1, SENSORS)
+    for name in ("switch_tension", "switch_hysteresis", "gauge_noise", "adc_step"):
+        record[name] = getattr(sensors, name)
+    record["counts_per_metre"] = card.counts_per_metre
+    record["switch_active_low"] = card.switch_active_low
+    record["weight"] = [0.0, 0.0, -sensors.tool_weight]
+    record["centre"] = sensors.tool_centre_of_mass
+    record["gauges"] = np.linalg.inv(card.platform_matrix)
+    return record
 
 
 class Plant:
@@ -107,14 +138,14 @@ class Plant:
         self._random = np.random.default_rng(seed)
         n = rig.geometry.cables
         config.limbs.require_limbs(n)
-        self._table = config.limbs.table
-        self._state = np.zeros((n, 3))
+        self._parameters = config.limbs.parameters
+        self._state = np.zeros(n, LIMB_STATE)
         self._current = np.zeros(n)
         self._motor_current = self._current
         self._length = np.zeros(n)
         self._matrix = np.zeros((6, n))
         self._closed: BoolArray = np.zeros(n, dtype=np.bool_)
-        self._gauge_matrix = np.asarray(np.linalg.inv(card.platform_matrix), dtype=np.float64)
+        self._sensors = _sensor_record(card, config)
         self.tension = np.zeros(n)
         self.wrench = np.zeros(6)
         self.faults = PlantFaults(n)
@@ -126,9 +157,8 @@ class Plant:
         slack = config.limbs.initial_slack + config.limbs.slack_spread * self._random.random(n)
         self._rest = self._length + slack
         bias = config.sensors.gauge_bias
-        self._bias = self._random.uniform(-bias, bias, 6) if bias > 0.0 else np.zeros(6)
-        self._weight = np.array([0.0, 0.0, -config.sensors.tool_weight])
-        self._centre = np.array(config.sensors.tool_centre_of_mass)
+        self._bias: FloatArray = self._sensors["bias"][0]
+        self._bias[:] = self._random.uniform(-bias, bias, 6) if bias > 0.0 else 0.0
         self._noise = np.zeros(6)
 
     def _place(self) -> None:
@@ -152,7 +182,7 @@ class Plant:
         ordinary = self.enabled and not self.faults.any
         self._motor_current = self._current if ordinary else self._distorted_current()
         advance_limbs(
-            self._table,
+            self._parameters,
             self._state,
             self._motor_current,
             self._rest,
@@ -191,7 +221,7 @@ class Plant:
         if not self.enabled:
             current[:] = 0.0
         for i in self.faults.limbs_with("motor_jam"):
-            current[i] = self._state[i, 1] = 0.0
+            current[i] = self._state["motor_speed"][i] = 0.0
         return current
 
     def sense(self) -> tuple[IntArray, FloatArray, BoolArray]:
@@ -201,31 +231,12 @@ class Plant:
             (n,) raw 24-bit counts of the motors, (6,) gauge voltages (calibration, weight, bias,
             noise, ADC steps), (n,) levels of the limit switches' lines.
         """
-        sensors, card, n = self._config.sensors, self._card, self.tension.size
+        card, n = self._card, self.tension.size
         counts, volts = np.empty(n, dtype=np.int64), np.empty(6)
         lines = np.empty(n, dtype=np.bool_)
         self._random.standard_normal(out=self._noise)
-        _sense_into(
-            self._state,
-            card.counts_per_metre,
-            self.tension,
-            sensors.switch_tension,
-            sensors.switch_hysteresis,
-            card.switch_active_low,
-            self.wrench,
-            self._weight,
-            self._centre,
-            self.target.rotation,
-            self._gauge_matrix,
-            self._bias,
-            self._noise,
-            sensors.gauge_noise,
-            sensors.adc_step,
-            self._closed,
-            counts,
-            volts,
-            lines,
-        )
+        _sense_limbs(self._sensors, self._state, self.tension, self._closed, counts, lines)
+        _sense_wrench(self._sensors, self.wrench, self.target.rotation, self._noise, volts)
         if self.faults.any:
             args = (self._time, card.counts_per_metre, counts, volts, lines)
             self.faults.distort_senses(*args, card.switch_active_low)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import BENCH
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_sim.plant.config import LimbPlantConfig, PlantConfig, load_plant
-from cabols_sim.plant.limb_physics import limb_step
+from cabols_sim.plant.limb_physics import LIMB_STATE, limb_step
 
 PERIOD_S = 0.001
 CABLE_LENGTH_M = 1.424
@@ -52,8 +52,7 @@ def sample_times(samples: int) -> FloatArray:
     return np.multiply(PERIOD_S, np.arange(samples))
 
 
-@dataclass(frozen=True, eq=False)
-class LimbTrace:
+class LimbTrace(NamedTuple):
     """A lone limb's test, k samples of 1 ms.
 
     Attributes:
@@ -73,19 +72,27 @@ class LimbTrace:
     current: FloatArray
 
 
+class _Settings(NamedTuple):
+    stiffness: float
+    counts_per_metre: float
+    current_limit: float
+    substeps: int
+
+
 @njit(cache=True)
 def _drive(
-    table: FloatArray, current: FloatArray, rest: float, counts: float, substeps: int
+    parameters: Any, current: FloatArray, rest: float, counts: float, substeps: int
 ) -> FloatArray:
     """Wound length by the encoder for given currents; rest > length: a slack cable."""
-    state, tension = np.zeros((1, 3)), np.zeros(1)
+    state, tension = np.zeros(1, LIMB_STATE), np.zeros(1)
     length, wound = np.full(1, CABLE_LENGTH_M), np.zeros(current.size)
     ends = np.full(1, rest)
     dt_s = PERIOD_S / substeps
     for k in range(current.size):
-        wound[k] = np.floor(state[0, 0] * counts) / counts if counts > 0.0 else state[0, 0]
+        position = state[0]["motor_position"]
+        wound[k] = np.floor(position * counts) / counts if counts > 0.0 else position
         for _ in range(substeps):
-            limb_step(table, state, current[k : k + 1], ends, length, dt_s, tension)
+            limb_step(parameters, state, current[k : k + 1], ends, length, dt_s, tension)
     return wound
 
 
@@ -104,44 +111,42 @@ def drive_slack_limb(
     Returns:
         (k,) cable wound in [m].
     """
-    row = limbs.table[limb : limb + 1]
-    return np.asarray(_drive(row, current, 1e3, counts_per_metre, substeps))
+    lone = limbs.parameters[limb : limb + 1]
+    return np.asarray(_drive(lone, current, 1e3, counts_per_metre, substeps))
 
 
 @njit(cache=True)
 def _close_loop(
-    table: FloatArray,
+    parameters: Any,
     limbs: Any,
     command: FloatArray,
-    settings: FloatArray,
-    substeps: int,
-    record: FloatArray,
+    settings: _Settings,
+    record: LimbTrace,
 ) -> None:
-    stiffness, counts, limit = settings[0], settings[1], settings[2]
-    row = table[0]
-    state, limb = np.zeros((1, 3)), limbs[0]
-    length, tension = np.full(1, CABLE_LENGTH_M), np.full(1, command[0])
-    current = np.zeros(1)
-    stretch = command[0] * (row[8] + row[9] * length[0])
-    stretch += max(command[0] - row[7], 0.0) * row[6]
+    plant, limb, state = parameters[0], limbs[0], np.zeros(1, LIMB_STATE)
+    length, tension, current = np.full(1, CABLE_LENGTH_M), np.full(1, command[0]), np.zeros(1)
+    cable = plant["cable_compliance_fixed"] + plant["cable_compliance_per_metre"] * length[0]
+    stretch = command[0] * cable
+    stretch += max(command[0] - plant["spring_initial_tension"], 0.0) * plant["spring_compliance"]
     # The motor has wound in: it stands half the backlash ahead of the pulley.
-    state[0, 0] = 0.5 * row[5]
-    zero = state[0, 0] - command[0] / stiffness
+    state[0]["motor_position"] = 0.5 * plant["backlash"]
+    zero = state[0]["motor_position"] - command[0] / settings.stiffness
     rest = length - stretch
-    dt_s = PERIOD_S / substeps
+    dt_s, counts = PERIOD_S / settings.substeps, settings.counts_per_metre
     for k in range(command.size):
-        wound = np.floor(state[0, 0] * counts) / counts if counts > 0.0 else state[0, 0]
+        position = state[0]["motor_position"]
+        wound = np.floor(position * counts) / counts if counts > 0.0 else position
         limb["position"] = wound - zero
         if k == 0:
             limb["last_position"] = limb["position"]
-        estimate = stiffness * limb["position"]
+        estimate = settings.stiffness * limb["position"]
         limb["reference"] = limb["tension_gain"] * (command[k] - estimate)
-        advance_law(limbs, PERIOD_S, limit)
+        advance_law(limbs, PERIOD_S, settings.current_limit)
         current[0] = limb["law_current"]
-        record[0, k], record[1, k] = tension[0], estimate
-        record[2, k], record[3, k] = wound, current[0]
-        for _ in range(substeps):
-            limb_step(table, state, current, rest, length, dt_s, tension)
+        record.tension[k], record.estimate[k] = tension[0], estimate
+        record.wound[k], record.current[k] = wound, current[0]
+        for _ in range(settings.substeps):
+            limb_step(parameters, state, current, rest, length, dt_s, tension)
 
 
 def control_limb(
@@ -167,13 +172,10 @@ def control_limb(
     """
     setup = bench()
     counts = 0.0 if ideal_encoder else setup.card.counts_per_metre
-    record = np.zeros((4, command.size))
-    _close_loop(
-        limbs.table[limb : limb + 1],
-        limb_records([gains]),
-        command,
-        np.array([stiffness, counts, setup.rig.control.current_limit]),
-        setup.plant.substeps,
-        record,
+    trace = LimbTrace(
+        sample_times(command.size), command, *(np.zeros(command.size) for _ in range(4))
     )
-    return LimbTrace(sample_times(command.size), command, *record)
+    settings = _Settings(stiffness, counts, setup.rig.control.current_limit, setup.plant.substeps)
+    lone = limbs.parameters[limb : limb + 1]
+    _close_loop(lone, limb_records([gains]), command, settings, trace)
+    return trace
