@@ -70,6 +70,9 @@ figures: setup  ## write docs/figures.md from what the benchmarks left in build
 follow-docs:  ## follow the commands of README and docs from a fresh clone; ARGS=--list, --long
 	@"$(HOST_PYTHON)" tools/follow_docs.py $(ARGS)
 
+commands-table: setup  ## run every command wrongly and write docs/commands.md: what each does
+	@$(BIN)/python tools/commands_table.py --write
+
 lint: setup  ## check style and types
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .

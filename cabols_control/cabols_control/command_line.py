@@ -12,6 +12,7 @@ import functools
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any, NoReturn, ParamSpec
 
 from cabols_control.errors import CabolsError, UsageError
@@ -92,6 +93,18 @@ def unknown_options(unknown: Sequence[str], known: Sequence[str]) -> str:
         if name.startswith("-"):
             said.append(f"unknown option {name}{did_you_mean(name, known)}")
     return "; ".join(said) or f"unexpected argument {unknown[0]!r}"
+
+
+def existing_file(text: str) -> str:
+    """Type of an option that names a file to read; empty: none."""
+    if text and not Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"{text}: expected a file, found none; check the path")
+    return text
+
+
+def existing_path(text: str) -> Path:
+    """Type of an option that names a file to read, as a path."""
+    return Path(existing_file(text))
 
 
 def did_you_mean(word: str, known: Sequence[str]) -> str:

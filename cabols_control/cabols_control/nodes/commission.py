@@ -21,11 +21,10 @@ from cabols_control.command_line import (
     DONE,
     FAILED,
     INTERRUPTED,
-    CommandParser,
     command,
     fail,
-    rig_option,
 )
+from cabols_control.commissioning.command import commission_parser
 from cabols_control.commissioning.figures import draw_limb, draw_overview, modelled_step, save
 from cabols_control.commissioning.results import (
     LimbResult,
@@ -197,17 +196,7 @@ def _ramp_of(rows: np.ndarray, rig: Rig, limb: int) -> dict[str, np.ndarray] | N
 
 
 def _arguments() -> argparse.Namespace:
-    parser = CommandParser("commission", __doc__)
-    rig_option(parser)
-    parser.add_argument("--limb", type=int, action="append", help="from 1; repeat; default: all")
-    parser.add_argument("--output", type=Path, default=Path("build/commission"), help="to fill")
-    parser.add_argument("--no-step", action="store_true", help="do not identify gain and time")
-    parser.add_argument("--no-ramp", action="store_true", help="do not identify the stiffness")
-    parser.add_argument("--step-current", type=float, default=0.0, help="A (default: 0.5)")
-    parser.add_argument("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
-    parser.add_argument("--speed", type=float, default=1.0, help="of a simulated rig's time")
-    for name in ("geometry", "limbs", "control"):
-        parser.add_argument(f"--{name}-file", default="", help="as the rig runs with")
+    parser = commission_parser()
     arguments = parser.parse_args(remove_ros_args(sys.argv)[1:])
     if not 0.01 <= arguments.speed <= 1.0:
         parser.error(f"--speed: expected 0.01 to 1, got {arguments.speed:g}")

@@ -8,10 +8,12 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
+from cabols_control.command_line import USAGE, fail
 from cabols_control.errors import CabolsError
 from cabols_control.realtime.kernel_signatures import compiled_since, specialisations
 from cabols_control.realtime.scheduling import (
@@ -38,6 +40,10 @@ from cabols_control.supervision.faults import Fault
 from cabols_control.topics import NAMESPACE
 
 RCLError = rclpy_implementation.RCLError
+ROS_ARGUMENT_ERRORS = (
+    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.UnknownROSArgsError,
+)
 WAITING, RUNNING, FAULT = 0, 1, 2
 REPORT_EVERY = 100
 READERS_PATIENCE_S = 60.0
@@ -217,13 +223,13 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     Returns:
         Exit code: 0, or 1 after a failure, or 2 for a configuration that cannot be used.
     """
-    transport.init(args=arguments)
     try:
+        transport.init(args=arguments)
         node = factory()
-    except CabolsError as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (CabolsError, ParameterException, *ROS_ARGUMENT_ERRORS) as error:
+        code = fail(str(error), USAGE)
         rclpy.try_shutdown()
-        return 2
+        return code
     except RCLError:
         # A signal during the node's construction shuts its context down.
         if rclpy.ok():

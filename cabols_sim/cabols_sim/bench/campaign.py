@@ -24,6 +24,7 @@ from cabols_control.command_line import (
     INTERRUPTED,
     CommandParser,
     command,
+    existing_file,
     fail,
     rig_option,
 )
@@ -214,10 +215,15 @@ def _arguments() -> argparse.Namespace:
     rig_option(parser)
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/campaign"), help="folder (default: %(default)s)")
-    add("--campaign", default="", help="campaign.yaml; default: the rig's")
+    add("--campaign", type=existing_file, default="", help="campaign.yaml; default: the rig's")
     add("--accuracy", type=float, default=0.0, help="stop at this relative deviation; 0: never")
     add("--seed", type=int, default=0, help="of the simulated rig's noise")
-    add("--robot-file", default="", help="YAML of the simulated robot; default: the rig's")
+    add(
+        "--robot-file",
+        type=existing_file,
+        default="",
+        help="YAML of the simulated robot; default: the rig's",
+    )
     add("--real-time", action="store_true", help="by the wall clock instead of lockstep")
     add("--fresh", action="store_true", help="do not go on with a campaign that was cut")
     return parser.parse_args()

@@ -7,7 +7,15 @@ import sys
 from pathlib import Path
 
 from cabols_control.bringup.log_line import read_line
-from cabols_control.command_line import DONE, FAILED, CommandParser, command, fail, rig_option
+from cabols_control.command_line import (
+    DONE,
+    FAILED,
+    CommandParser,
+    command,
+    existing_file,
+    fail,
+    rig_option,
+)
 from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
 
@@ -68,7 +76,12 @@ def _arguments() -> argparse.Namespace:
     )
     add("--port", type=int, default=8080, help="of the page (default: %(default)s)")
     add("--host", default="127.0.0.1", help="to serve at; others than loopback need --token-file")
-    add("--token-file", default="", help="its first line is demanded of every visitor")
+    add(
+        "--token-file",
+        type=existing_file,
+        default="",
+        help="its first line is demanded of every visitor",
+    )
     add("--rigid", action="store_true", help="a target that never moves: no robot, no tracker")
     add("--seed", type=int, default=0, help="of the simulated rig's noise")
     add("--speed", type=float, default=1.0, help="below 1: the rig in slow motion")

@@ -12,7 +12,7 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from cabols_control.command_line import rig_option
+from cabols_control.command_line import CommandParser, command, existing_file, rig_option
 from cabols_control.errors import CabolsError
 from cabols_control.realtime.scheduling import Scheduling, apply_scheduling
 from cabols_hw.abb.configurations import load_configurations
@@ -27,7 +27,7 @@ DEFAULT_TRACKER_PORT = 6590
 
 
 def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="device_simulator", description=__doc__)
+    parser = CommandParser("device_simulator", __doc__)
     add = parser.add_argument
     add("--link-port", type=int, default=DEFAULT_LINK_PORT, help="UDP port of the plant")
     add("--egm-port", type=int, default=DEFAULT_EGM_PORT, help="UDP port that EGM is sent to")
@@ -35,8 +35,18 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--tracker-port", type=int, default=DEFAULT_TRACKER_PORT, help="0: any")
     add("--no-tracker", action="store_true", help="robot only")
     rig_option(parser)
-    add("--configurations", default="", help="YAML of the stored configurations")
-    add("--tracker-file", default="", help="YAML of the simulated tracker")
+    add(
+        "--configurations",
+        type=existing_file,
+        default="",
+        help="YAML of the stored configurations",
+    )
+    add(
+        "--tracker-file",
+        type=existing_file,
+        default="",
+        help="YAML of the simulated tracker",
+    )
     add("--user", default=USER, help="of RWS")
     add("--password", default=PASSWORD, help="of RWS")
     add("--cpu", type=int, default=-1, help="core to run on; -1: any")
@@ -56,6 +66,7 @@ def _tracker(link: DeviceLink, options: argparse.Namespace) -> TrackerServer | N
     )
 
 
+@command
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM."""
     options = _arguments(arguments)

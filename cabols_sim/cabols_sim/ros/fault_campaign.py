@@ -14,17 +14,10 @@ import threading
 import time
 from pathlib import Path
 
-from cabols_control.command_line import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    CommandParser,
-    command,
-    fail,
-    rig_option,
-)
+from cabols_control.command_line import DONE, FAILED, INTERRUPTED, command, fail
 from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
+from cabols_sim.fault_campaign.command import fault_campaign_parser
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
@@ -109,7 +102,7 @@ class Campaign:
 @command
 def main() -> int:
     """Run the campaign; 0 if its claims hold, 1 if not, 130 after Ctrl-C."""
-    options = _arguments()
+    options = fault_campaign_parser().parse_args()
     with output_folder(options.output, "fault_campaign", keep=not options.fresh) as folder:
         code = _campaign(options)
         if not _todo(options, options.output / TRIALS):
@@ -176,24 +169,6 @@ def _run(options: argparse.Namespace, campaign: Campaign) -> bool:
     campaign.abandon()
     finished.wait(PATIENCE_S)
     return False
-
-
-def _arguments() -> argparse.Namespace:
-    parser = CommandParser("fault_campaign", __doc__)
-    rig_option(parser)
-    add = parser.add_argument
-    add("--output", type=Path, default=Path("build/faults"), help="folder (default: %(default)s)")
-    add("--seeds", type=int, default=20, help="trials of each kind (default: %(default)s)")
-    add("--only", default="", help="only kinds whose name contains this")
-    add("--fresh", action="store_true", help="forget the trials done so far")
-    add(
-        "--speed",
-        type=float,
-        default=1.0,
-        help="of the rig's time: without real-time scheduling, slow motion (0.3) keeps this "
-        "computer's stalls out of the watchdogs of 10 ms (default: %(default)s)",
-    )
-    return parser.parse_args()
 
 
 if __name__ == "__main__":

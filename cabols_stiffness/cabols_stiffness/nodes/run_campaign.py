@@ -6,7 +6,6 @@ import argparse
 import signal
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -16,12 +15,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from cabols_control.command_line import command
 from cabols_control.naming import configuration_name, reflector_name
 from cabols_control.ros import transport
 from cabols_control.topics import NAMESPACE
+from cabols_stiffness.campaign.command import run_campaign_parser
 
-START_S = 180.0
-"""Longest start of the nodes [s]; a first start compiles for a minute or two."""
 RETRY_S = 0.5
 END_S = 8.0
 """Longest unloading of an aborted campaign [s]."""
@@ -126,19 +125,10 @@ class Client:
         self._node.destroy_node()
 
 
-def _arguments(words: list[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="run_campaign", description=__doc__)
-    add = parser.add_argument
-    add("--campaign", type=Path, help="campaign.yaml; default: the folder's, or the node's")
-    add("--folder", type=Path, help="where the data go; one with data in it is continued")
-    add("--accuracy", type=float, default=0.0, help="stop at this relative deviation; 0: never")
-    add("--wait", type=float, default=START_S, help="s until it must have begun")
-    return parser.parse_args(words)
-
-
+@command
 def main() -> int:
     """Entry point."""
-    options = _arguments(remove_ros_args(sys.argv)[1:])
+    options = run_campaign_parser().parse_args(remove_ros_args(sys.argv)[1:])
     transport.init(signal_handler_options=SignalHandlerOptions.NO)
     client = Client(options)
     for number in (signal.SIGINT, signal.SIGTERM):

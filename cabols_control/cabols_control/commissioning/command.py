@@ -1,0 +1,28 @@
+"""Options of the command `commission`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cabols_control.command_line import CommandParser, existing_file, rig_option
+
+TEXT = """Commission limbs of a running rig.
+
+Writes limbs.yaml, gains.yaml, a table and figures."""
+
+
+def commission_parser() -> CommandParser:
+    """Return the parser."""
+    parser = CommandParser("commission", TEXT)
+    rig_option(parser)
+    add = parser.add_argument
+    add("--limb", type=int, action="append", help="from 1; repeat; default: all")
+    add("--output", type=Path, default=Path("build/commission"), help="to fill")
+    add("--no-step", action="store_true", help="do not identify gain and time")
+    add("--no-ramp", action="store_true", help="do not identify the stiffness")
+    add("--step-current", type=float, default=0.0, help="A (default: 0.5)")
+    add("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
+    add("--speed", type=float, default=1.0, help="of a simulated rig's time")
+    for name in ("geometry", "limbs", "control"):
+        add(f"--{name}-file", type=existing_file, default="", help="as the rig runs with")
+    return parser

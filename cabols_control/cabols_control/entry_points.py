@@ -1,0 +1,16 @@
+"""Executables of this package that join the ROS graph; see setup.cfg."""
+
+from __future__ import annotations
+
+from cabols_control.commissioning.command import commission_parser
+from cabols_control.node_command import node, tool
+
+NODES = "cabols_control.nodes"
+limb_controller = node("limb_controller", f"{NODES}.limb_controller")
+wrench_controller = node("wrench_controller", f"{NODES}.wrench_controller")
+supervisor = node("supervisor", f"{NODES}.supervisor")
+load_program = node("load_program", f"{NODES}.load_program")
+recorder = node("recorder", f"{NODES}.recorder")
+console = node("console", f"{NODES}.console")
+markers = node("markers", f"{NODES}.markers")
+commission = tool(f"{NODES}.commission", commission_parser)

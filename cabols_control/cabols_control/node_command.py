@@ -1,0 +1,157 @@
+"""Entry points of nodes and ROS tools: the command line is judged before rclpy is imported.
+
+`ros2 run PACKAGE NODE --help` lists the node's parameters and starts nothing; an unknown word, a
+misspelt parameter or one of another node's ends it with exit code 2 and a suggestion.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from cabols_control.command_line import CommandParser, did_you_mean, unknown_options
+from cabols_control.declared_parameters import (
+    DeclaredParameter,
+    declared_parameters,
+    docstring_of,
+)
+
+ROS_ARGS, END = "--ros-args", "--"
+OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
+"""Parameters that rclpy declares itself."""
+RULE, FILE = ":=", "_file"
+EPILOG = """Parameters are set by --ros-args -p NAME:=VALUE or --params-file FILE; indices from 0.
+Exit code: 0 ended by Ctrl-C or SIGTERM, 1 the node failed, 2 a wrong command line or file."""
+
+
+def node(name: str, module: str) -> Callable[[], int]:
+    """Return the entry point of a node.
+
+    Args:
+        name: of the executable.
+        module: full name of the module whose `main` runs it.
+    """
+
+    def entry() -> int:
+        check_node_arguments(name, module, sys.argv[1:])
+        return int(importlib.import_module(module).main())
+
+    return entry
+
+
+def tool(module: str, parser: Callable[[], CommandParser]) -> Callable[[], int]:
+    """Return the entry point of a tool that joins the graph.
+
+    Args:
+        module: full name of the module whose `main` runs it, with the same parser.
+        parser: makes its parser; needs nothing of ROS.
+    """
+
+    def entry() -> int:
+        words, _ = split_ros_arguments(sys.argv[1:])
+        parser().parse_args(words)
+        return int(importlib.import_module(module).main())
+
+    return entry
+
+
+def check_node_arguments(name: str, module: str, words: Sequence[str]) -> None:
+    """Print help or version and exit, or exit with 2 if a node could not obey its command line."""
+    parser = node_parser(name, module)
+    own, ros = split_ros_arguments(words)
+    # parse_known_args, as a node has no options of its own but --help and --version.
+    _, unknown = parser.parse_known_args(own)
+    if unknown:
+        parser.error(unknown_options(unknown, [*parser.option_names(), ROS_ARGS]))
+    known = [parameter.name for parameter in declared_parameters(module)]
+    wrong = [
+        f"unknown parameter {given}{did_you_mean(given, known)}"
+        for given in given_parameters(name, ros)
+        if given not in (*known, *OF_EVERY_NODE) and not given.startswith("qos_overrides.")
+    ]
+    wrong += [
+        f"{given}: {value}: expected a file, found none; check the path"
+        for given, value in given_files(name, ros)
+    ]
+    if wrong:
+        parser.error("; ".join(wrong))
+
+
+def node_parser(name: str, module: str) -> CommandParser:
+    """Return a parser whose help lists the node's parameters."""
+    text = docstring_of(module)
+    listed = "\n".join(_lines(declared_parameters(module)))
+    return CommandParser(name, f"{text}\n\nparameters:\n{listed}", EPILOG)
+
+
+def _lines(parameters: Sequence[DeclaredParameter]) -> Iterator[str]:
+    for parameter in parameters:
+        bounds = f", {parameter.bounds.replace(', ', ' to ')}" if parameter.bounds else ""
+        yield f"  {parameter.name} (default {parameter.default}{bounds})"
+        yield f"      {parameter.description}"
+
+
+def split_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Split a command line into a program's own words and those for ROS."""
+    own: list[str] = []
+    ros: list[str] = []
+    inside = False
+    for word in words:
+        if word == ROS_ARGS:
+            inside = True
+        elif inside and word == END:
+            inside = False
+        else:
+            (ros if inside else own).append(word)
+    return own, ros
+
+
+def given_parameters(name: str, ros: Sequence[str]) -> list[str]:
+    """Return the names of the parameters that ROS arguments give to a node of this name."""
+    return [parameter for parameter, _ in _given(name, ros)]
+
+
+def given_files(name: str, ros: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield the parameters that name a file which is not there, with the file."""
+    for parameter, value in _given(name, ros):
+        named = parameter.endswith(FILE) and isinstance(value, str) and value
+        if named and not Path(value).is_file():
+            yield parameter, value
+
+
+def _given(name: str, ros: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    words = iter(ros)
+    for word in words:
+        if word in ("-p", "--param"):
+            left, _, value = next(words, "").partition(RULE)
+            target, _, parameter = left.rpartition(":")
+            if target in ("", name):
+                yield parameter, _parsed(value)
+        elif word == "--params-file":
+            yield from _in_file(name, Path(next(words, "")))
+
+
+def _parsed(value: str) -> Any:
+    try:
+        return yaml.safe_load(value)
+    except yaml.YAMLError:
+        # rcl reads it again, and says what is wrong with it.
+        return None
+
+
+def _in_file(name: str, path: Path) -> Iterator[tuple[str, Any]]:
+    """Yield what a parameter file has for this node alone; for all nodes it may have more."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        # rcl reads it again, and says what is wrong with it.
+        return
+    for target, section in content.items() if isinstance(content, dict) else ():
+        last = str(target).rpartition("/")[2]
+        if last == name and isinstance(section, dict):
+            yield from (section.get("ros__parameters") or {}).items()
