@@ -20,6 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cabols_control.declared_parameters import declared_parameters
 from structure import ROOT
 
 PAGE = ROOT / "docs" / "commands.md"
@@ -143,12 +144,20 @@ def calls(executable: Executable) -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "--help", ("--help",)
     yield "wrong option", ("--hlep",)
     if executable.is_node:
-        yield "misspelt parameter", ("--ros-args", "-p", "geometry_fle:=x.yaml")
-        yield "missing file", ("--ros-args", "-p", f"geometry_file:={NOWHERE}")
+        names = [p.name for p in declared_parameters(f"{executable.package}.nodes.{name}")]
+        files = [parameter for parameter in names if parameter.endswith("_file")]
+        yield "misspelt parameter", ("--ros-args", "-p", f"{misspelt(names[0])}:=x")
+        if files:
+            yield "missing file", ("--ros-args", "-p", f"{files[0]}:={NOWHERE}")
     elif name in MISSING_FILE:
         yield "missing file", MISSING_FILE[name]
     if name in OUTPUT:
         yield "occupied folder", OUTPUT[name]
+
+
+def misspelt(name: str) -> str:
+    """Leave a letter out of the middle of a name."""
+    return name[: len(name) // 2] + name[len(name) // 2 + 1 :]
 
 
 def observe(executable: Executable, case: str, words: tuple[str, ...]) -> Outcome:

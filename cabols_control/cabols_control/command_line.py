@@ -48,10 +48,21 @@ class CommandParser(argparse.ArgumentParser):
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> argparse.Namespace:
         """Parse; exits with 2 and a suggestion for what is not known."""
-        found, unknown = self.parse_known_args(args, namespace)
+        words = list(sys.argv[1:] if args is None else args)
+        # Before argparse itself, which complains of missing arguments first.
+        if misspelt := self._misspelt(words):
+            self.error(unknown_options(misspelt, self.option_names()))
+        found, unknown = self.parse_known_args(words, namespace)
         if unknown:
             self.error(unknown_options(unknown, self.option_names()))
         return found
+
+    def _misspelt(self, words: Sequence[str]) -> list[str]:
+        own = words[: words.index("--")] if "--" in words else words
+        known = self.option_names()
+        return [
+            word for word in own if word.startswith("--") and word.partition("=")[0] not in known
+        ]
 
     def option_names(self) -> list[str]:
         """Names of all options, those of subcommands among them."""

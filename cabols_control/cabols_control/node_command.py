@@ -24,7 +24,7 @@ from cabols_control.declared_parameters import (
 ROS_ARGS, END = "--ros-args", "--"
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 """Parameters that rclpy declares itself."""
-RULE, FILE = ":=", "_file"
+RULE, FILE, OUTPUT = ":=", "_file", "output"
 EPILOG = """Parameters are set by --ros-args -p NAME:=VALUE or --params-file FILE; indices from 0.
 Exit code: 0 ended by Ctrl-C or SIGTERM, 1 the node failed, 2 a wrong command line or file."""
 
@@ -78,6 +78,11 @@ def check_node_arguments(name: str, module: str, words: Sequence[str]) -> None:
         f"{given}: {value}: expected a file, found none; check the path"
         for given, value in given_files(name, ros)
     ]
+    wrong += [
+        f"{given}: {value}: expected a new or empty folder, got one with files; name another one"
+        for given, value in _given(name, ros)
+        if given == OUTPUT and isinstance(value, str) and _occupied(Path(value))
+    ]
     if wrong:
         parser.error("; ".join(wrong))
 
@@ -122,6 +127,10 @@ def given_files(name: str, ros: Sequence[str]) -> Iterator[tuple[str, str]]:
         named = parameter.endswith(FILE) and isinstance(value, str) and value
         if named and not Path(value).is_file():
             yield parameter, value
+
+
+def _occupied(folder: Path) -> bool:
+    return folder.is_dir() and any(folder.iterdir())
 
 
 def _given(name: str, ros: Sequence[str]) -> Iterator[tuple[str, Any]]:

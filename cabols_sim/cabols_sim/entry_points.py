@@ -6,4 +6,5 @@ from cabols_control.node_command import node, tool
 from cabols_sim.fault_campaign.command import fault_campaign_parser
 
 plant = node("plant", "cabols_sim.nodes.plant")
+slow_limb_controller = node("slow_limb_controller", "cabols_sim.nodes.slow_limb_controller")
 fault_campaign = tool("cabols_sim.ros.fault_campaign", fault_campaign_parser)

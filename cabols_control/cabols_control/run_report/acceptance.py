@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from cabols_control.run_report.computer import is_computers
 from cabols_control.run_report.phases import FREE_TENSION_MAX_N
 
 RISE_TOLERANCE_S = 0.03
@@ -18,6 +19,8 @@ TENSION_MIN_SHARE = 0.5
 """Share of the least commanded tension; below it a cable counts as slack."""
 LATE_MAX_PERCENT = 1.0
 LOST_MAX_PERCENT = 0.1
+WORK_MAX_MS = 0.5
+"""Half of a cycle."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +32,21 @@ class Check:
         measured: value with unit.
         expected: designed or allowed value with unit; empty if there is none.
         met: whether measured is as expected; None where nothing is expected or measured.
+        by_computer: not met, but only by what bare timers beside the run missed, too.
     """
 
     quantity: str
     measured: str
     expected: str
     met: bool | None
+    by_computer: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """Return the verdict's word; empty where there is none."""
+        if self.by_computer:
+            return "this computer"
+        return {True: "met", False: "NOT MET", None: ""}[self.met]
 
 
 def checks(summary: Mapping[str, Any]) -> list[Check]:
@@ -95,10 +107,8 @@ def checks(summary: Mapping[str, Any]) -> list[Check]:
             s["tension_max_commanded_n"],
         ),
         _most("infeasible cycles", s["infeasible_cycles"], "", 0, 0),
-        _most("late cycles", s["late_cycles_percent"], "%", 2, LATE_MAX_PERCENT),
-        _most("lost cycles", s["lost_cycles_percent"], "%", 3, LOST_MAX_PERCENT),
+        *_computer_checks(s),
         *_timing_checks(s),
-        _most("samples lost by the recorder", s["recorder_lost"], "", 0, 0),
         *_phase_checks(s),
     ]
 
@@ -145,7 +155,63 @@ def _phase_checks(s: Mapping[str, Any]) -> list[Check]:
             "",
             None,
         ),
-        _most("pose packets lost", s["pose_packets_lost"], "", 0, 0),
+        _shared(
+            _most("pose packets lost", s["pose_packets_lost"], "", 0, 0),
+            (s["pose_packets_lost"], 0, s.get("timer_lost_cycles")),
+        ),
+    ]
+
+
+def failures(summary: Mapping[str, Any]) -> list[Check]:
+    """Return what the software did not meet: not what only this computer is to blame for."""
+    return [check for check in checks(summary) if check.met is False and not check.by_computer]
+
+
+def by_computer(summary: Mapping[str, Any]) -> list[Check]:
+    """Return what was not met only because of this computer."""
+    return [check for check in checks(summary) if check.by_computer]
+
+
+def _shared(check: Check, figure: tuple[float | None, float, float | None]) -> Check:
+    """Blame this computer for a figure that is not met, as far as bare timers missed as much.
+
+    Args:
+        check: of the figure.
+        figure: measured, its limit, and what the timers missed.
+    """
+    return replace(check, by_computer=check.met is False and is_computers(*figure))
+
+
+def _computer_checks(s: Mapping[str, Any]) -> list[Check]:
+    """What a stall of this computer harms as well as slow software."""
+    late, lost, recorder = s["late_cycles_percent"], s["lost_cycles_percent"], s["recorder_lost"]
+    work = _scaled(s.get("limb_work_median_s") or None, 1e3)
+    return [
+        _shared(
+            _most("late cycles", late, "%", 2, LATE_MAX_PERCENT),
+            (late, LATE_MAX_PERCENT, s.get("timer_late_percent")),
+        ),
+        _shared(
+            _most("lost cycles", lost, "%", 3, LOST_MAX_PERCENT),
+            (lost, LOST_MAX_PERCENT, s.get("timer_lost_percent")),
+        ),
+        # A median: stalls of the computer do not move it.
+        _most("work of a limb controller's cycle, median", work, "ms", 3, WORK_MAX_MS),
+        _shared(
+            _most("samples lost by the recorder", recorder, "", 0, 0),
+            (recorder, 0, s.get("timer_lost_cycles")),
+        ),
+        *_timer_rows(s),
+    ]
+
+
+def _timer_rows(s: Mapping[str, Any]) -> list[Check]:
+    """What bare timers missed in the same run; empty without any."""
+    if s.get("timer_late_percent") is None:
+        return []
+    return [
+        _plain("bare timer beside: late", s["timer_late_percent"], "%", 2),
+        _plain("bare timers beside: lost", s["timer_lost_percent"], "%", 3),
     ]
 
 
@@ -187,9 +253,8 @@ def _plain(quantity: str, value: float | None, unit: str, digits: int) -> Check:
 
 def table(summary: Mapping[str, Any]) -> str:
     """Return the table to print: measured values beside the designed or allowed ones."""
-    words = {True: "met", False: "NOT MET", None: ""}
     rows = [("", "measured", "expected", "")]
-    rows += [(c.quantity, c.measured, c.expected, words[c.met]) for c in checks(summary)]
+    rows += [(c.quantity, c.measured, c.expected, c.verdict) for c in checks(summary)]
     text = "\n".join(_lines(rows))
     faults = "".join(f"\nfault of {node}: {why}" for node, why in summary["faults"].items())
     return text + faults

@@ -196,6 +196,7 @@ def _health_numbers(run: BenchRun) -> dict[str, Any]:
     none = NodeHealth(0, 0, 0, 0, nan, nan, nan, nan, nan, fault="")
     bridge = run.health.get("plant") or run.health.get("q8_ati_bridge") or none
     wrench = run.health.get("wrench_controller") or none
+    limb = run.health.get("limb_controller") or none
     recorder = run.health.get("recorder")
     delay = run.command_delay[run.loading & np.isfinite(run.command_delay)]
     unanswered = run.loading & ~np.isfinite(run.current).all(axis=1)
@@ -209,6 +210,7 @@ def _health_numbers(run: BenchRun) -> dict[str, Any]:
         "round_trip_median_s": bridge.round_trip,
         "round_trip_p99_s": bridge.round_trip_p99,
         "round_trip_worst_s": bridge.round_trip_worst,
+        "limb_work_median_s": limb.work_time,
         "command_delay_median_cycles": float(np.median(delay)) if delay.size else float("nan"),
         "command_delay_max_cycles": float(delay.max()) if delay.size else float("nan"),
         "infeasible_cycles": max(infeasible, wrench.infeasible),

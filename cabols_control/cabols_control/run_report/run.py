@@ -100,6 +100,7 @@ class BenchRun:
         health: by node.
         lost: samples missing in the bag, by topic.
         motion: of robot and platform.
+        loading_log_ns: when the first and the last sample of LOADING were recorded, system clock.
     """
 
     name: str
@@ -121,6 +122,7 @@ class BenchRun:
     health: dict[str, NodeHealth]
     lost: dict[str, int]
     motion: RecordedMotion
+    loading_log_ns: tuple[int, int] = (0, 0)
 
     @property
     def limbs(self) -> int:
@@ -149,6 +151,8 @@ def join_run(bag: Bag) -> BenchRun:
     state = bag["limb_state"]
     stamps, order = np.unique(state.stamp_ns, return_index=True)
     begin, end = _loading_interval(bag, int(stamps[-1]))
+    loading = (stamps >= begin) & (stamps < end)
+    logged = state.log_time_ns[order][loading]
     n = int(np.asarray(state["tension"]).shape[1])
     sequence = np.asarray(state["sequence"]).astype(np.int64)[order]
     command, answer = bag["tension_command"], bag["motor_current"]
@@ -158,7 +162,7 @@ def join_run(bag: Bag) -> BenchRun:
         name=bag.folder.name,
         metadata=dict(bag.metadata),
         time=np.multiply(1e-9, stamps - begin),
-        loading=(stamps >= begin) & (stamps < end),
+        loading=loading,
         sequence=sequence,
         desired=_spread(command_rows, _column(command, "desired"), stamps.size),
         control=_spread(command_rows, _column(command, "control"), stamps.size),
@@ -174,6 +178,7 @@ def join_run(bag: Bag) -> BenchRun:
         health=_health(bag, begin, end),
         lost=_lost(bag, stamps),
         motion=join_motion(bag, begin),
+        loading_log_ns=(int(logged.min()), int(logged.max())) if logged.size else (0, 0),
     )
 
 

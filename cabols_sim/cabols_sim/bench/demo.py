@@ -30,8 +30,18 @@ from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_pr
 from cabols_control.output_folder import output_folder
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
+from cabols_control.run_report.computer import (
+    TimerError,
+    advice,
+    missed,
+    timer_numbers,
+)
+from cabols_sim.bench.bare_timer import Timers, bare_timers
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
 
+STALL_NS = 50_000_000
+"""A stall of this computer worth naming when a run failed: half of the demo's watchdogs."""
+SLOW_LIMB = ("cabols_sim", "slow_limb_controller")
 SHOWN = ("supervisor", "load_program")
 """Nodes whose every line is an event: modes and programmes."""
 
@@ -94,19 +104,21 @@ def main() -> int:
     """Run the demo; returns 0, 1 after a failure, 130 after Ctrl-C."""
     arguments = _arguments()
     program = load_program(arguments.program)
-    with output_folder(arguments.output, "demo") as folder:
-        code = _run(arguments, program)
-        if code == DONE:
-            folder.finish()
-    return code
-
-
-def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
-    """Run the session and judge it."""
     # ROS's wheels restart Python at their first import, so this comes before everything else.
     session_module = (
         None if arguments.rigid else importlib.import_module("cabols_sim.ros.demo_session")
     )
+    with output_folder(arguments.output, "demo") as folder:
+        code, complete = _run(arguments, program, session_module)
+        if complete:
+            folder.finish()
+    return code
+
+
+def _run(
+    arguments: argparse.Namespace, program: LoadProgram, session_module: Any
+) -> tuple[int, bool]:
+    """Run the session and judge it; return the exit code and whether the report was written."""
     output = arguments.output
     bag = output / "bag"
     devices = "" if arguments.rigid else ", robot and laser tracker"
@@ -119,7 +131,8 @@ def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
     environment = isolated_environment()
     asked = {} if arguments.plain else real_time_arguments()
     values = {**_values(arguments, bag, program.name), **asked}
-    with Progress(program.duration) as progress:
+    stand_ins = {"limb_controller": SLOW_LIMB} if arguments.slow_limb_law else {}
+    with bare_timers(asked, arguments.speed) as timers, Progress(program.duration) as progress:
         session, on_start = None, None
         if session_module is not None:
             plan = session_module.DemoPlan(
@@ -129,17 +142,35 @@ def _run(arguments: argparse.Namespace, program: LoadProgram) -> int:
             session = session_module.DemoSession(plan, domain, progress.step, progress.load)
             on_start = session.start
         try:
-            ended = run_bench(values, progress.line, output / "log", environment, on_start)
+            ended = run_bench(
+                values,
+                progress.line,
+                output / "log",
+                environment,
+                on_start,
+                stand_ins=stand_ins,
+            )
         finally:
             if session is not None:
                 session.stop()
     failure = _failure(ended, session, output / "log")
     if failure:
-        return fail(f"{failure}; the bag is {bag}", FAILED)
+        return fail(f"{failure}; the bag is {bag}{_stalls(timers)}", FAILED), False
     if not ended.first and not (session is not None and session.done):
         print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
-        return INTERRUPTED
-    return _report(output, bag, arguments.rig)
+        return INTERRUPTED, False
+    return _report(arguments, bag, timers, bool(asked)), True
+
+
+def _stalls(timers: Timers) -> str:
+    """Say for how long this computer stood still, if it did so for longer than a watchdog."""
+    worst = max((behind for record in timers.records for _, behind in record.misses), default=0)
+    if worst < STALL_NS:
+        return ""
+    return (
+        f"; this computer stood still for up to {1e-6 * worst:.0f} ms, which may be why: close "
+        "what else runs, or try --speed 0.3"
+    )
 
 
 def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str, Any]:
@@ -203,20 +234,35 @@ def _arguments() -> argparse.Namespace:
         action="store_true",
         help="ask the kernel for nothing: no cores, no SCHED_FIFO, no limit on wake-up times",
     )
+    parser.add_argument(
+        "--slow-limb-law",
+        action="store_true",
+        help="burn a millisecond in every cycle of the limb law: the demo must then fail",
+    )
     return parser.parse_args()
 
 
-def _report(output: Path, bag: Path, rig: str) -> int:
-    """Analyse the bag alone; print, plot, write."""
+def _report(arguments: argparse.Namespace, bag: Path, timers: Timers, asked: bool) -> int:
+    """Analyse the bag; print, plot, write; judge the software apart from this computer."""
+    from cabols_control.run_report.acceptance import by_computer, failures
     from cabols_control.run_report.figures import write_figures
     from cabols_control.run_report.figures_of_merit import load_run, summarise, table
     from cabols_control.run_report.report import write_report
     from cabols_sim.reproductions import run_all
 
+    output: Path = arguments.output
     print("analysing the bag", flush=True)
     run = load_run(bag)
-    summary = summarise(run, load_rig(rig))
+    summary = {
+        **summarise(run, load_rig(arguments.rig)),
+        **_timer_numbers(run.loading_log_ns, timers),
+    }
+    failed, busy = failures(summary), by_computer(summary)
+    summary["not_met_by_software"] = [check.quantity for check in failed]
+    summary["not_met_by_computer"] = [check.quantity for check in busy]
     print(table(summary))
+    if busy:
+        print(advice(summary, asked))
     (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     print("figures, reproductions of the source's results, report", flush=True)
     write_figures(run, output, summary)
@@ -225,7 +271,19 @@ def _report(output: Path, bag: Path, rig: str) -> int:
     for name in ("summary.json", "overview.png", "session.png", "report.html"):
         if (output / name).exists():
             print(f"  {output / name}")
-    return 0
+    if failed:
+        return fail(f"not met: {', '.join(check.quantity for check in failed)}", FAILED)
+    return DONE
+
+
+def _timer_numbers(window_ns: tuple[int, int], timers: Timers) -> dict[str, Any]:
+    """What the bare timers missed during the load; nothing is excused if they failed."""
+    try:
+        found = [missed(record, *window_ns) for record in timers.records]
+    except TimerError as error:
+        print(f"warning: {error}", file=sys.stderr)
+        found = []
+    return timer_numbers(found)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +90,7 @@ def run_bench(
     keep_going: bool = False,
     respawn_s: float | None = None,
     tools: Sequence[NodeSpec] = (),
+    stand_ins: Mapping[str, tuple[str, str]] | None = None,
 ) -> Ended:
     """Run the bench until one node ends, or Ctrl-C.
 
@@ -102,6 +104,7 @@ def run_bench(
         keep_going: run on when a node ends.
         respawn_s: start a node again so long after it has ended; None: never [s].
         tools: started after the graph; all ends with the first of them.
+        stand_ins: package and executable to start in the place of an executable.
 
     Returns:
         How it ended.
@@ -115,9 +118,17 @@ def run_bench(
         values.get("campaign", False),
         values.get("console", False),
     )
-    nodes = [*with_arguments(graph, values), *tools]
+    nodes = [_stand_in(node, stand_ins or {}) for node in with_arguments(graph, values)]
+    nodes += tools
     with _on_core(values.get("other_cpu", -1)):
         return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s)
+
+
+def _stand_in(node: NodeSpec, stand_ins: Mapping[str, tuple[str, str]]) -> NodeSpec:
+    if node.executable not in stand_ins:
+        return node
+    package, executable = stand_ins[node.executable]
+    return replace(node, package=package, executable=executable)
 
 
 @contextmanager

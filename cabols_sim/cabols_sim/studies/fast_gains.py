@@ -16,7 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.command_line import DONE, FAILED, CommandParser, command, rig_option
+from cabols_control.command_line import (
+    DONE,
+    FAILED,
+    CommandParser,
+    command,
+    existing_path,
+    rig_option,
+)
 from cabols_control.errors import CabolsError
 from cabols_control.load_programs.programs import load_program
 from cabols_control.output_folder import output_folder
@@ -70,7 +77,7 @@ def _arguments() -> argparse.Namespace:
     add("--output", type=Path, default=Path("build/fast-gains"), help="folder for bags")
     add("--json", type=Path, default=Path("build/bench/fast_gains.json"), help="figures")
     add("--program", action="append", help="built in or .csv; repeat; default: steps, multi_axis")
-    add("--control-file", type=Path, help=f"YAML of the design; default: {FAST}")
+    add("--control-file", type=existing_path, help=f"YAML of the design; default: {FAST}")
     add("--search", action="store_true", help="search for poles and zero first (minutes)")
     add("--draws", type=int, default=100, help="plants in the compiled loop; 0: none")
     return parser.parse_args()
