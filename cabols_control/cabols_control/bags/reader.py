@@ -21,6 +21,7 @@ from cabols_control.bags.names import absolute, relative
 from cabols_control.bags.salvage import Message, Salvage
 from cabols_control.stamps import HEADER_STAMP, column_ns, first_stamp
 
+LOG_TIME, PUBLISH_TIME = "log_time_ns", "publish_time_ns"
 YEAR_NS = 365 * 24 * 3600 * 1_000_000_000
 
 
@@ -162,7 +163,10 @@ def iterate(
 
 
 def batches(
-    folder: str | Path, topics: Iterable[str] | Mapping[str, str], size: int = 20_000
+    folder: str | Path,
+    topics: Iterable[str] | Mapping[str, str] | None,
+    size: int = 20_000,
+    timed: bool = False,
 ) -> Iterator[dict[str, dict[str, Column]]]:
     """Yield a bag's messages as arrays, a batch at a time, in constant memory.
 
@@ -171,6 +175,7 @@ def batches(
         topics: names relative to /cabols, or a mapping of names to the expected types; all of
             them must have messages.
         size: messages of all those topics in a batch.
+        timed: with the columns LOG_TIME and PUBLISH_TIME [ns].
 
     Yields:
         By topic, those with messages in the batch: columns by dotted field name, as Series has
@@ -200,6 +205,8 @@ def batches(
         if entry is None:
             continue
         entry.raws.append(message.data)
+        if timed:
+            entry.times.append((message.log_time_ns, message.publish_time_ns, message.sequence))
         count += 1
         if count >= size:
             yield _drain(channels)
@@ -214,7 +221,10 @@ def _drain(channels: dict[str, _Channel]) -> dict[str, dict[str, Column]]:
     for name, channel in channels.items():
         if channel.raws:
             found[name] = _decode(name, channel)
-            channel.raws = []
+            if channel.times:
+                times = np.array(channel.times, np.int64)
+                found[name].update({LOG_TIME: times[:, 0], PUBLISH_TIME: times[:, 1]})
+            channel.raws, channel.times = [], []
     return found
 
 

@@ -1,0 +1,1 @@
+"""Bags as tables for other programs: csv, parquet, mat, hdf5."""
