@@ -39,6 +39,7 @@ def summary(**changed):
         "tension_min_n": 1.0,
         "tension_max_n": 41.0,
         "loading_ended_by": "UNLOADING (done)",
+        "loading_ended_in_fault": False,
         "overshoot_percent": 1.2,
         "steady_error_percent": 0.1,
         "steady_error_force_n": 0.01,
