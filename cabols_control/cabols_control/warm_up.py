@@ -45,9 +45,9 @@ def warm_wrenches(rig: Rig) -> None:
     """Compile, or load from the cache, what a wrench controller calls."""
     controller = WrenchController(rig)
     for k in range(3):
-        wanted = DesiredWrench(0.001 * k, np.full(6, 1000.0 * k))
+        setpoint = DesiredWrench(0.001 * k, np.full(6, 1000.0 * k))
         measured = controller.to_base_axes(np.zeros(6))
-        controller.step(0.001 * k, measured, OperatingMode.LOADING, wanted)
+        controller.step(0.001 * k, measured, OperatingMode.LOADING, setpoint)
 
 
 def warm_workspace(rig: Rig) -> None:

@@ -17,7 +17,7 @@ from cabols_control.errors import CabolsError
 ROOT = Path(__file__).resolve().parents[2]
 NAMING = ROOT / "cabols_control" / "cabols_control" / "naming.py"
 NOUN = r"(?:limb|cable|joint|reflector|configuration|conf\.|load|robot to|motion to|move to)"
-BEFORE = re.compile(rf"(?<![a-z_]){NOUN}(?:s?[ #_=(\[-]*|: ?)$", re.IGNORECASE)
+BEFORE = re.compile(rf"(?<![a-z_]){NOUN}(?:[ #_=(\[-]*|s[ #_=(\[-]+|: ?)$", re.IGNORECASE)
 """Text that ends with one of the nouns: what follows is its number."""
 NUMBER_ZERO = re.compile(rf"(?<![a-z_]){NOUN}s?[ #]0\b(?![.,]\d)", re.IGNORECASE)
 """Nothing that people read has the number 0."""
@@ -64,7 +64,10 @@ def pieces(node):
             if isinstance(part, ast.Constant):
                 before = part.value
             else:
-                yield before, part.value
+                shape = ast.unparse(part.format_spec) if part.format_spec else ""
+                # No index is a number with decimals.
+                if not re.search(r"\.\d+[efg]", shape):
+                    yield before, part.value
                 before = ""
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod) and is_text(node.left):
         given = node.right.elts if isinstance(node.right, ast.Tuple) else [node.right]
@@ -248,6 +251,8 @@ def test_an_index_planted_in_a_page_is_found(planted):
         'f"expected joint {model.names[joint]!r} to be revolute"',
         '"loads {}".format(number(k))',
         'f"loads: expected {most} at most"',
+        'f"the eight cables{devices}"',
+        'f"four cores, load {average:.1f}"',
     ],
 )
 def test_right_texts_pass(right):

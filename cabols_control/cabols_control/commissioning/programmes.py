@@ -379,22 +379,24 @@ def make_ramp(
         rotation: (3, 3) from platform to base axes.
     """
     column = structure_matrix(rig.geometry, position, rotation)[:, limb]
-    asked = min(config.ramp_tension, rig.control.tension_max)
-    peak = largest_ramp(column, rig.control.rated, asked)
+    setpoint = min(config.ramp_tension, rig.control.tension_max)
+    peak = largest_ramp(column, rig.control.rated, setpoint)
     return RampProgramme(limb, config, rig.control.tension_max, rig.holding_tension, peak)
 
 
-def largest_ramp(column: FloatArray, rated: FloatArray, asked: float, margin: float = 0.9) -> float:
+def largest_ramp(
+    column: FloatArray, rated: FloatArray, requested: float, margin: float = 0.9
+) -> float:
     """Highest tension that the force/torque sensor can measure on one cable.
 
     Args:
         column: (6,) of the structure matrix.
         rated: (6,) range of the sensor [N, N m].
-        asked: [N].
+        requested: tension of the ramp [N].
         margin: share of the range that may be used.
 
     Returns:
-        asked, or less [N].
+        requested, or less [N].
     """
     reach = margin * rated / np.maximum(np.abs(column), 1e-9)
-    return float(min(asked, reach.min()))
+    return float(min(requested, reach.min()))

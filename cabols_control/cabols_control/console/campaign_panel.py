@@ -91,17 +91,17 @@ class CampaignPanel:
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:
         """Follow the state."""
-        asked = activity(state, ACTION)
+        run = activity(state, ACTION)
         campaign = state.get("campaign") or {}
         active = bool(campaign.get("active"))
-        rests = mode_of(state)["name"] == "STOPPED" and not active and not asked.get("busy")
+        rests = mode_of(state)["name"] == "STOPPED" and not active and not run.get("busy")
         enable(self._start, commanding and rests)
         enable(self._pause, commanding and active and not campaign["paused"])
         enable(self._resume, commanding and active and campaign["paused"])
         enable(self._abort, commanding and active)
         enable(self._report, commanding and bool(campaign) and not active)
         self._progress.value = campaign.get("progress", 0.0)
-        ended = "" if active else asked.get("text", "")
+        ended = "" if active else run.get("text", "")
         told = campaign.get("text", "") if active or not ended else ended
         self._text.content = escape(told)
         estimate = state.get("estimate")

@@ -206,11 +206,11 @@ class Dispatcher:
 
     def _log(self, what: str, fields: dict[str, Any], answer: Answer) -> Answer:
         sentence = _SENTENCES.get(what)
-        asked = what.replace("_", " ") if sentence is None else sentence(fields)
+        request = what.replace("_", " ") if sentence is None else sentence(fields)
         level = NOTICE if answer.success else WARNING
         if what == "emergency_stop":
             level = FAULT
-        self.latest.tell(level, "console", f"{asked}: {answer.message}")
+        self.latest.tell(level, "console", f"{request}: {answer.message}")
         return answer
 
     def _tell_operator(self, text: str) -> None:
@@ -219,7 +219,7 @@ class Dispatcher:
 
 
 _SENTENCES: dict[str, Callable[[dict[str, Any]], str]] = {
-    "set_mode": lambda f: f"asks for {OperatingMode(f['mode']).name}",
+    "set_mode": lambda f: f"request {OperatingMode(f['mode']).name}",
     "record": lambda f: "start recording" if f["data"] else "stop recording",
     "run_program": lambda f: f"run {Path(f['program']).name}, scale {f['scale']:g}",
     "move_to_configuration": lambda f: f"move to {configuration_name(f['index'])}",

@@ -21,7 +21,8 @@ def limbs_html(cables: int) -> str:
         "<h2>Limbs: tension and motor current against their limits "
         '<span id="feasible" class="why"></span></h2>'
         '<table class="data" aria-label="Limbs"><thead><tr><th scope="col">Limb</th>'
-        '<th scope="col" style="width:38%">Tension (white: asked)</th><th scope="col">Asked</th>'
+        '<th scope="col" style="width:38%">Tension (white: setpoint)</th>'
+        '<th scope="col">Setpoint</th>'
         '<th scope="col" style="width:22%">Current</th><th scope="col">Switch</th>'
         f'<th scope="col">Zero</th></tr></thead><tbody>{rows}</tbody></table>'
     )

@@ -35,10 +35,10 @@ def advance_law(limbs: Any, dt_s: float, current_limit: float) -> bool:
         velocity = (position - limb["last_position"]) / dt_s
         increment = (limb["reference"] - velocity) * dt_s
         integral = limb["integral"] + increment
-        asked = gain * integral - limb["velocity_gain"] * velocity
-        current = min(max(asked, -current_limit), current_limit)
+        unlimited = gain * integral - limb["velocity_gain"] * velocity
+        current = min(max(unlimited, -current_limit), current_limit)
         # Anti-windup: the integral goes on only as far as the current reaches its limit.
-        excess = (asked - current) / gain
+        excess = (unlimited - current) / gain
         if excess * increment > 0.0:
             integral -= excess if abs(excess) < abs(increment) else increment
         limb["integral"] = integral

@@ -53,7 +53,7 @@ class RecorderNode(ControlNode):
             self, "description", "", "text about the run for the bag's metadata"
         )
         at_once = declare(self, "record_at_start", True, "false: wait for the service `record`")
-        self._wanted = _checked(names)
+        self._topic_names = _checked(names)
         self._failure: BaseException | None = None
         self._told = self.create_publisher(String, "recording", topic_qos("recording"))
         self.create_service(SetBool, "record", self._obey)
@@ -73,7 +73,7 @@ class RecorderNode(ControlNode):
 
     def _new(self, folder: Path) -> Recording:
         texts = {"description": self._description, **self._rig_texts()}
-        return Recording(self, folder, self._wanted, texts, self._period, self._ended)
+        return Recording(self, folder, self._topic_names, texts, self._period, self._ended)
 
     def begin(self) -> None:
         """Start recording."""
@@ -171,14 +171,14 @@ class RecorderNode(ControlNode):
 
 
 def _checked(names: list[str]) -> list[str]:
-    wanted = list(dict.fromkeys(relative(name) for name in names if name))
-    unknown = [name for name in wanted if name not in topics.TYPES]
-    if unknown or not wanted:
+    chosen = list(dict.fromkeys(relative(name) for name in names if name))
+    unknown = [name for name in chosen if name not in topics.TYPES]
+    if unknown or not chosen:
         raise ConfigError(
             f"topics: expected some of {', '.join(topics.TYPES)}, "
             f"got {', '.join(unknown) or 'none'}; correct the parameter"
         )
-    return wanted
+    return chosen
 
 
 def main() -> int:

@@ -42,16 +42,16 @@ class WrenchControllerNode(ControlNode):
             self, "wrench", topics.wrench_layout(geometry.platform_frame), lockstep
         )
         wrenches = topics.wrench_layout(geometry.base_frame)
-        self._wanted = Input(self, "desired_wrench", wrenches, lockstep)
+        self._wrench_setpoint = Input(self, "desired_wrench", wrenches, lockstep)
         tensions = topics.desired_tension_layout(geometry)
-        self._wanted_tension = Input(self, "desired_tension", tensions, lockstep, every=2)
+        self._tension_setpoint = Input(self, "desired_tension", tensions, lockstep, every=2)
         # A campaign sends its setpoints at any time, also in lockstep.
-        self._wanted_tension.awaited = False
+        self._tension_setpoint.awaited = False
         pose = topics.pose_layout(geometry)
         self._pose = Input(self, "platform_pose", pose, lockstep, every=2)
         # A robot reports at its own rate, so that even in lockstep its newest pose is used.
         robot = declare_robot(self)
-        self._pose.awaited = self._wanted.awaited = not robot
+        self._pose.awaited = self._wrench_setpoint.awaited = not robot
         self._mode = Input(self, "mode", topics.mode_layout(), lockstep, every=SLOW_INPUT)
         self._mode.awaited = not robot
         layout = topics.tension_command_layout(geometry)
@@ -69,7 +69,7 @@ class WrenchControllerNode(ControlNode):
         self._frames = ("", geometry.base_frame)
         self._refused: Fault | None = None
         self._pose_bytes = b""
-        companions = [self._mode, self._pose, self._wanted, self._wanted_tension]
+        companions = [self._mode, self._pose, self._wrench_setpoint, self._tension_setpoint]
         self._loop = ControlLoop(self, self._wrench, companions, self._step, self.lockstep)
         self._loop.prepare = self.prepare_thread
 
@@ -165,12 +165,12 @@ class WrenchControllerNode(ControlNode):
 
     def _take_desired(self) -> None:
         """Accept a finite desired wrench in base axes; keep the last one otherwise."""
-        if self._wanted.error:
-            self._refuse(self._wanted.error)
-        if self._wanted.count == self._desired_count:
+        if self._wrench_setpoint.error:
+            self._refuse(self._wrench_setpoint.error)
+        if self._wrench_setpoint.count == self._desired_count:
             return
-        self._desired_count = self._wanted.count
-        record = self._wanted.record
+        self._desired_count = self._wrench_setpoint.count
+        record = self._wrench_setpoint.record
         frame = self._frame()
         values = np.array(record["wrench"])
         if frame not in self._frames:
@@ -184,13 +184,13 @@ class WrenchControllerNode(ControlNode):
 
     def _take_tension(self) -> None:
         """Accept finite desired tensions of all limbs; keep the last ones otherwise."""
-        if self._wanted_tension.error:
-            self._refuse(self._wanted_tension.error)
-        if self._wanted_tension.count == self._tension_count:
+        if self._tension_setpoint.error:
+            self._refuse(self._tension_setpoint.error)
+        if self._tension_setpoint.count == self._tension_count:
             self._excuse_tension()
             return
-        self._tension_count = self._wanted_tension.count
-        record = self._wanted_tension.record
+        self._tension_count = self._tension_setpoint.count
+        record = self._tension_setpoint.record
         values = np.array(record["tension"])
         if record["limb"].tobytes() != self._limbs or not np.isfinite(values).all():
             self._refuse(
@@ -205,13 +205,13 @@ class WrenchControllerNode(ControlNode):
         """In lockstep accept an old value while its sender cannot keep up with the clock."""
         if not self.lockstep or self._tension is None:
             return
-        if time.monotonic_ns() - self._wanted_tension.received_ns < LOCKSTEP_EXCUSE_NS:
+        if time.monotonic_ns() - self._tension_setpoint.received_ns < LOCKSTEP_EXCUSE_NS:
             self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, self._tension.tension)
 
     def _frame(self) -> str:
-        if self._wanted.exact:
+        if self._wrench_setpoint.exact:
             return self._frames[1]
-        return self._wanted.strings()["header.frame_id"]
+        return self._wrench_setpoint.strings()["header.frame_id"]
 
 
 def main() -> int:

@@ -35,34 +35,34 @@ class Scheduling:
     cpu_latency_us: int = -1
 
 
-def apply_scheduling(wanted: Scheduling, warn: Callable[[str], object]) -> None:
+def apply_scheduling(scheduling: Scheduling, warn: Callable[[str], object]) -> None:
     """Ask the kernel; where it refuses, warn with what would allow it and go on.
 
     All threads are set, as the middleware's receive threads sit in the way of every sample.
 
     Args:
-        wanted: what is asked for.
+        scheduling: what to request from the kernel.
         warn: called with a line for each refusal.
     """
-    if wanted.cpu >= 0:
+    if scheduling.cpu >= 0:
         _for_all_threads(
-            lambda tid: os.sched_setaffinity(tid, {wanted.cpu}), f"cpu {wanted.cpu}", warn
+            lambda tid: os.sched_setaffinity(tid, {scheduling.cpu}), f"cpu {scheduling.cpu}", warn
         )
-    if wanted.fifo_priority > 0:
-        parameter = os.sched_param(wanted.fifo_priority)
+    if scheduling.fifo_priority > 0:
+        parameter = os.sched_param(scheduling.fifo_priority)
         _for_all_threads(
             lambda tid: os.sched_setscheduler(tid, os.SCHED_FIFO, parameter),
-            f"SCHED_FIFO {wanted.fifo_priority} (allow it with `ulimit -r 99` or rtprio in "
+            f"SCHED_FIFO {scheduling.fifo_priority} (allow it with `ulimit -r 99` or rtprio in "
             "/etc/security/limits.conf)",
             warn,
         )
-    if wanted.lock_memory:
+    if scheduling.lock_memory:
         libc = ctypes.CDLL(None, use_errno=True)
         if libc.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
             reason = os.strerror(ctypes.get_errno())
             warn(f"memory not locked ({reason}): allow it with `ulimit -l unlimited`")
-    if wanted.cpu_latency_us >= 0:
-        _limit_wake_up(wanted.cpu_latency_us, warn)
+    if scheduling.cpu_latency_us >= 0:
+        _limit_wake_up(scheduling.cpu_latency_us, warn)
 
 
 def give_back() -> None:

@@ -68,12 +68,12 @@ class RecordedTopic:
         return self.joined
 
     def _subscribe(self) -> None:
-        wanted = QoSProfile(
+        qos = QoSProfile(
             depth=QUEUE_DEPTH,
             reliability=self.offered.reliability,
             durability=self.offered.durability,
         )
-        self._subscription = subscribe_aside(self._node, self._type, self.name, wanted)
+        self._subscription = subscribe_aside(self._node, self._type, self.name, qos)
         self._handle = self._subscription.handle
 
     def take(self, into: deque[Item]) -> bytes:

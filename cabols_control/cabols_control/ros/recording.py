@@ -39,7 +39,7 @@ class Recording:
         self,
         node: ControlNode,
         folder: Path,
-        wanted: list[str],
+        names: list[str],
         texts: dict[str, str],
         period_s: float,
         on_end: Callable[[bool], None],
@@ -49,7 +49,7 @@ class Recording:
         Args:
             node: owner of subscriptions and status.
             folder: of the bag; new or empty.
-            wanted: topics, relative to the namespace.
+            names: topics, relative to the namespace.
             texts: for the bag's metadata.
             period_s: between two flushes [s].
             on_end: called by each thread at its end, with whether it failed.
@@ -61,7 +61,7 @@ class Recording:
         self._period = period_s
         self._on_end = on_end
         self._writer = BagWriter(folder, texts)
-        self._topics = [RecordedTopic(node, name) for name in wanted]
+        self._topics = [RecordedTopic(node, name) for name in names]
         for topic in self._topics:
             qos = OfferedQos(
                 topic.offered.depth,

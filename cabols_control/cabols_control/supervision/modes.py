@@ -176,13 +176,15 @@ class ModeMachine:
             self.pending = None
         self.entry = Entry(mode, cause, reason, fault, zeroing)
 
-    def request(self, wanted: int, condition: Condition) -> Verdict:
-        """Go to another mode if that is legal now; `wanted` is its number."""
+    def request(self, requested: int, condition: Condition) -> Verdict:
+        """Go to another mode if that is legal now; `requested` is its number."""
         try:
-            mode = OperatingMode(wanted)
+            mode = OperatingMode(requested)
         except ValueError:
             known = ", ".join(f"{m.value} {m.name}" for m in OperatingMode)
-            return Verdict(ResultCode.BAD_REQUEST, f"mode: expected one of {known}, got {wanted}")
+            return Verdict(
+                ResultCode.BAD_REQUEST, f"mode: expected one of {known}, got {requested}"
+            )
         verdict = self._judge(mode, condition)
         if not verdict.allowed or mode == self.mode:
             return verdict

@@ -229,14 +229,14 @@ class Supervision:
         if self.mode != before:
             self._note_entry()
 
-    def request(self, wanted: int, now_s: float) -> Verdict:
+    def request(self, requested: int, now_s: float) -> Verdict:
         """Answer a request for a mode."""
         before = self.mode
-        if wanted in MOVING:
+        if requested in MOVING:
             # A node with a fault does not count as running: its fault is the better answer.
             for node, complaint in self._complaints.items():
                 overload = complaint.name == OVERLOAD
-                if overload and wanted == OperatingMode.FREE_MOVING:
+                if overload and requested == OperatingMode.FREE_MOVING:
                     continue
                 if self.mode != OperatingMode.FAULT:
                     way_out = "; FREE_MOVING takes a load off" if overload else ""
@@ -250,7 +250,7 @@ class Supervision:
                 reason = f"no report from {', '.join(silent)}: not running?"
                 return Verdict(ResultCode.NOT_READY, reason)
         condition = Condition(self._zeros(), self._fresh(now_s), self._platform_speed)
-        verdict = self._machine.request(wanted, condition)
+        verdict = self._machine.request(requested, condition)
         if self.mode != before:
             self._note_entry()
         return verdict

@@ -49,10 +49,10 @@ class WrenchController:
         control: (6,) newest u of (3.17) [N, N m].
         residual: (6,) wrench of tension minus control [N, N m].
         desired: (6,) desired wrench in force [N, N m].
-        active: whether a load is asked for.
+        active: whether a load is commanded.
         feasible: whether the newest control was feasible.
         infeasible_cycles: how many were not.
-        fault: why no load is asked for in LOADING; None while all is well.
+        fault: why no load is commanded in LOADING; None without one.
         notice: what does not stop the load but should be known; None otherwise.
     """
 
@@ -113,7 +113,7 @@ class WrenchController:
         stamp_s: float,
         measured: FloatArray,
         mode: OperatingMode,
-        wanted: DesiredWrench | None,
+        setpoint: DesiredWrench | None,
         tensions: DesiredTension | None = None,
     ) -> FloatArray:
         """Answer one wrench sample.
@@ -122,7 +122,7 @@ class WrenchController:
             stamp_s: when it was measured [s].
             measured: (6,) on the platform, at its origin, base axes [N, N m].
             mode: operating mode.
-            wanted: newest desired wrench; None before the first: zero.
+            setpoint: newest desired wrench; None before the first: zero.
             tensions: newest desired tensions; while they are fresh they go before the wrench.
 
         Returns:
@@ -150,7 +150,7 @@ class WrenchController:
             return self.tension
         if self._command_tensions(stamp_s, min(dt_s, LONGEST_STEP_S), tensions):
             return self.tension
-        self._follow(stamp_s, min(dt_s, LONGEST_STEP_S), wanted)
+        self._follow(stamp_s, min(dt_s, LONGEST_STEP_S), setpoint)
         if not self.active or dt_s > LONGEST_STEP_S:
             start = measured if not self.active else self._law.control.copy()
             self._law.reset(start, self.desired, measured)
@@ -172,12 +172,14 @@ class WrenchController:
         share = self._work[SHARE] + dt_s / self._rig.control.tension_fade
         self._work[SHARE] = min(share, 1.0)
 
-    def _command_tensions(self, stamp_s: float, dt_s: float, wanted: DesiredTension | None) -> bool:
-        """Command tensions instead of a wrench, if some are asked for (section 4.3)."""
+    def _command_tensions(
+        self, stamp_s: float, dt_s: float, setpoint: DesiredTension | None
+    ) -> bool:
+        """Command tensions instead of a wrench, if there are tension setpoints (section 4.3)."""
         reference = self._tensions
         led = reference.active
         present = self.tension if self.active and not led else None
-        if not reference.step(stamp_s, dt_s, wanted, present):
+        if not reference.step(stamp_s, dt_s, setpoint, present):
             # The wrench takes over from what the sensor says, as at the start of a load.
             self.active = self.active and not led
             return False
@@ -203,13 +205,13 @@ class WrenchController:
         self.tension[:] = 0.0
         self.feasible = True
 
-    def _follow(self, stamp_s: float, dt_s: float, wanted: DesiredWrench | None) -> None:
+    def _follow(self, stamp_s: float, dt_s: float, setpoint: DesiredWrench | None) -> None:
         """Set the desired wrench in force; a stale one is ramped to zero at the unload rate."""
-        if wanted is not None and abs(stamp_s - wanted.stamp_s) <= self._desired_timeout:
-            self.desired[:] = wanted.wrench
+        if setpoint is not None and abs(stamp_s - setpoint.stamp_s) <= self._desired_timeout:
+            self.desired[:] = setpoint.wrench
             self.notice = None
             return
-        if wanted is not None and self.desired.any():
+        if setpoint is not None and self.desired.any():
             self.notice = Fault(
                 FaultName.DESIRED_AGE,
                 f"desired_wrench is older than {self._desired_timeout:g} s: unloading to zero",

@@ -1,4 +1,4 @@
-"""Tensions asked for in joint space: followed inside limits, let down when nobody asks any more.
+"""Tension setpoints in joint space: followed inside limits, ramped down when none arrive any more.
 
 Section 4.3: a wrench may be infeasible, positive tensions never are. So a campaign that only needs
 some proper wrench, and measures it, loads the robot by tensions.
@@ -23,13 +23,13 @@ class DesiredTension:
 
 
 class TensionReference:
-    """Where the tensions are on their way to what is asked for.
+    """Ramp of the tensions to their setpoints.
 
     Attributes:
         tension: (n,) in force [N]; meaningful only while active.
         active: whether tensions are commanded, not a wrench.
-        limited: whether what is asked for lies outside the limits.
-        stale: whether the tensions are being let down, as what was asked for is too old.
+        limited: whether the setpoints lie outside the limits.
+        stale: whether the tensions are being ramped down because the setpoints are too old.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -50,21 +50,25 @@ class TensionReference:
         self.active = self.limited = self.stale = False
 
     def step(
-        self, stamp_s: float, dt_s: float, wanted: DesiredTension | None, present: FloatArray | None
+        self,
+        stamp_s: float,
+        dt_s: float,
+        setpoint: DesiredTension | None,
+        present: FloatArray | None,
     ) -> bool:
         """Advance by one sample.
 
         Args:
             stamp_s: of the sample [s].
             dt_s: since the one before [s].
-            wanted: newest desired tensions; None before the first.
+            setpoint: newest desired tensions; None before the first.
             present: (n,) tensions that a wrench has commanded so far, where these take over [N];
                 None: the limbs are at rest.
 
         Returns:
             Whether tensions are in command.
         """
-        fresh = wanted is not None and abs(stamp_s - wanted.stamp_s) <= self._timeout
+        fresh = setpoint is not None and abs(stamp_s - setpoint.stamp_s) <= self._timeout
         if not fresh and not self.active:
             return False
         if not self.active:
@@ -72,9 +76,9 @@ class TensionReference:
             self.active = True
         goal = np.full_like(self.tension, self._rest)
         self.stale, self.limited = not fresh, False
-        if fresh and wanted is not None:
-            np.clip(wanted.tension, *self._limits, out=goal)
-            self.limited = not np.array_equal(goal, wanted.tension)
+        if fresh and setpoint is not None:
+            np.clip(setpoint.tension, *self._limits, out=goal)
+            self.limited = not np.array_equal(goal, setpoint.tension)
         reach = self._rate * dt_s
         self.tension += np.clip(goal - self.tension, -reach, reach)
         if self.stale and np.array_equal(self.tension, goal):

@@ -140,10 +140,10 @@ def volts_into(
     before (n,); it falls, as far as zero, at once. Volts are limited to +-reach. NaN becomes 0.
     """
     for i in range(current.shape[0]):
-        wanted = current[i] if np.isfinite(current[i]) else 0.0
-        held = abs(before[i]) if wanted * before[i] > 0.0 else 0.0
+        setpoint = current[i] if np.isfinite(current[i]) else 0.0
+        held = abs(before[i]) if setpoint * before[i] > 0.0 else 0.0
         size = min(limit, held + growth)
-        volt = min(max(wanted, -size), size) / amperes_per_volt
+        volt = min(max(setpoint, -size), size) / amperes_per_volt
         volts[i] = min(max(volt, -reach), reach)
 
 

@@ -122,7 +122,7 @@ class QuanserQ8:
         self._epoch_ns = 0
         self._watchdog_s = 0.0
         self._armed = False
-        self._wanted = True
+        self._enabled = True
         self._expired = False
         self._closed = False
         self._late = 0
@@ -272,7 +272,7 @@ class QuanserQ8:
         return True
 
     def _write_enables(self) -> None:
-        levels = self._enable if self._wanted else self._disable
+        levels = self._enable if self._enabled else self._disable
         self._card.write_digital(self._enables, self._enables.size, levels)
 
     def enable(self, on: bool) -> None:
@@ -282,7 +282,7 @@ class QuanserQ8:
             CardError: if the card fails.
         """
         with self._lock, self._calls("switching the amplifiers"):
-            self._wanted = on
+            self._enabled = on
             if self._armed and not self._closed and not self._expired:
                 self._write_enables()
 

@@ -26,8 +26,8 @@ PARTED_M = 10.0
 def _amplify_into(volts: FloatArray, step: float, gain: float, current: FloatArray) -> None:
     """DAC steps, then the amplifiers' gain and limit."""
     for i in range(current.shape[0]):
-        wanted = quantise(volts[i], step, 10.0) * gain
-        current[i] = min(max(wanted, -AMPLIFIER_LIMIT_A), AMPLIFIER_LIMIT_A)
+        setpoint = quantise(volts[i], step, 10.0) * gain
+        current[i] = min(max(setpoint, -AMPLIFIER_LIMIT_A), AMPLIFIER_LIMIT_A)
 
 
 SENSORS = np.dtype(

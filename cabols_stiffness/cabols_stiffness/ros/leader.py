@@ -26,7 +26,7 @@ class TensionLeader:
         self.rest = np.full(node.rig.geometry.cables, node.rig.holding_tension)
         self._lock = threading.Lock()
         self._goal = self.rest.copy()
-        self._asked = self.rest.copy()
+        self._setpoint = self.rest.copy()
         self._rate = 0.0
         self._newest_ns = -1
         self._leading = False
@@ -34,7 +34,7 @@ class TensionLeader:
     def lead(self, rate: float) -> None:
         """Start, at rest, to change tensions at a rate [N/s]."""
         with self._lock:
-            self._goal, self._asked = self.rest.copy(), self.rest.copy()
+            self._goal, self._setpoint = self.rest.copy(), self.rest.copy()
             self._rate, self._leading = rate, True
 
     def silence(self) -> None:
@@ -51,7 +51,7 @@ class TensionLeader:
     def arrived(self) -> bool:
         """Whether the setpoints have reached the goal."""
         with self._lock:
-            return bool(np.array_equal(self._goal, self._asked))
+            return bool(np.array_equal(self._goal, self._setpoint))
 
     def step(self, now_ns: int) -> None:
         """Move on to the rig's time [ns] and publish."""
@@ -61,8 +61,8 @@ class TensionLeader:
             if not self._leading or now_ns < 0:
                 return
             reach = self._rate * max(elapsed_s, 0.0)
-            self._asked += np.clip(self._goal - self._asked, -reach, reach)
+            self._setpoint += np.clip(self._goal - self._setpoint, -reach, reach)
             self._record.stamp(now_ns)
-            self._record["tension"][:] = self._asked
+            self._record["tension"][:] = self._setpoint
             raw = self._record.raw()
         self._output.publish(raw)

@@ -50,8 +50,8 @@ export class Panels {
     this.turn = 0;
     this.newestEvent = 0;
     this.limbs = Array.from({ length: settings.scene.base_points.length }, (_, i) => ({
-      tension: byId(`t-${i}`), asked: byId(`a-${i}`), current: byId(`c-${i}`),
-      tensionBar: byId(`tb-${i}`), askedMark: byId(`tm-${i}`), currentBar: byId(`cb-${i}`),
+      tension: byId(`t-${i}`), setpoint: byId(`a-${i}`), current: byId(`c-${i}`),
+      tensionBar: byId(`tb-${i}`), setpointMark: byId(`tm-${i}`), currentBar: byId(`cb-${i}`),
       closed: byId(`s-${i}`), zeroed: byId(`z-${i}`), badge: byId(`h-${i}`),
     }));
   }
@@ -60,15 +60,15 @@ export class Panels {
     const { tension_max: most, current_limit: amperes } = this.settings.scene;
     const words = this.turn++ % TEXT_EVERY === 0;
     this.limbs.forEach((limb, i) => {
-      const tension = frame.T ? frame.T[i] : null, asked = frame.A ? frame.A[i] : null;
+      const tension = frame.T ? frame.T[i] : null, setpoint = frame.A ? frame.A[i] : null;
       const current = frame.C ? frame.C[i] : null;
       limb.tensionBar.style.transform = `scaleX(${Math.min(Math.max((tension ?? 0) / most, 0), 1)})`;
-      limb.askedMark.style.left = `${Math.min(Math.max((asked ?? 0) / most, 0), 1) * 100}%`;
+      limb.setpointMark.style.left = `${Math.min(Math.max((setpoint ?? 0) / most, 0), 1) * 100}%`;
       limb.currentBar.style.transform = `scaleX(${Math.min(Math.max((current ?? 0) / amperes, -1), 1) / 2})`;
       if (!words) return;
       const high = tension > NEAR * most || Math.abs(current ?? 0) > NEAR * amperes;
       put(limb.tension, `${shown(tension, 1)} N`);
-      put(limb.asked, shown(asked, 1));
+      put(limb.setpoint, shown(setpoint, 1));
       put(limb.current, `${shown(current, 2)} A`);
       put(limb.closed, frame.S & (1 << i) ? "\u25cf closed" : "\u25cb open");
       mark(limb.closed, "on", frame.S & (1 << i) ? "yes" : "no");
