@@ -58,6 +58,34 @@ def test_zero_is_set_where_the_switch_closes(bridge, rig, card):
     np.testing.assert_allclose(bridge.tension, rig.limbs.switch_tension + more)
 
 
+def zero(bridge, card, zeroing):
+    """Set all zeros in a pre-tightening of this number."""
+    bridge.take(sample(0), PRETIGHTENING, zeroing)
+    assert not bridge.zeroed.any()
+    bridge.take(sample(int(0.005 * card.counts_per_metre), high=False), PRETIGHTENING, zeroing)
+    assert bridge.zeroed.all()
+    assert bridge.zeroing[0] == zeroing
+
+
+def test_a_sample_says_of_which_pretightening_its_zeros_are(bridge, card):
+    bridge.take(sample(0), STOPPED, 6)
+    assert (bridge.zeroing[0], bridge.followed_mode[0]) == (0, STOPPED), "no zero, of none"
+    zero(bridge, card, 6)
+    bridge.take(sample(0), OperatingMode.LOADING, 6)
+    assert (bridge.zeroing[0], bridge.followed_mode[0]) == (6, OperatingMode.LOADING)
+    # A number alone renews nothing: in that pre-tightening this bridge was never seen.
+    bridge.take(sample(0), STOPPED, 7)
+    assert bridge.zeroed.all()
+    assert bridge.zeroing[0] == 6
+    zero(bridge, card, 7)
+
+
+def test_a_pretightening_that_begins_anew_unseen_forgets_the_zeros_too(bridge, card):
+    zero(bridge, card, 1)
+    # STOPPED in between was too short for the bridge to see it: the number tells.
+    zero(bridge, card, 3)
+
+
 def test_switch_that_was_closed_before_sets_no_zero(bridge):
     bridge.take(sample(0, high=False), PRETIGHTENING)
     bridge.take(sample(0, high=False), PRETIGHTENING)

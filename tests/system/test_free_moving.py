@@ -123,7 +123,7 @@ def test_lost_tension_stops_free_moving(loop):
     loop.run(0.1)
     loop.bridge.set_pose(np.full(3, np.nan), np.eye(3))
     loop.cycle()
-    assert "not finite" in loop.controller.fault
+    assert "not finite" in loop.controller.fault.reason
     np.testing.assert_array_equal(loop.controller.current, 0.0)
 
 
