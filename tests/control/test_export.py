@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import re
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -265,3 +267,13 @@ def test_read_bag_gives_a_topic_to_pandas(bag, expected):
     np.testing.assert_array_equal(frame["tension_4_n"], tension)
     assert frame.index.name == "time_s"
     assert frame.index[1] == pytest.approx(0.001)
+
+
+def test_the_pages_example_runs(bag, monkeypatch, capsys):
+    """docs/bags.md: its Python, on another bag."""
+    page = (Path(__file__).resolve().parents[2] / "docs" / "bags.md").read_text("utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    exec(code.replace("build/demo/bag", str(bag)), {})
+    said = capsys.readouterr().out
+    assert f"({COUNT}, 8)" in said
+    assert "force_z_n" in said
