@@ -56,7 +56,7 @@ def make_rig(folder: Path, cables: int = EIGHT) -> list[Path]:
         The files.
 
     Raises:
-        UsageError: if the folder is there already, or there is no example of so many cables.
+        UsageError: if the folder exists, or there is no example with this number of cables.
     """
     if cables != EIGHT and cables not in POINTS:
         raise UsageError(

@@ -26,7 +26,7 @@ from cabols_control.errors import UsageError
 MARKER = ".cabols_output"
 VERSION = 1
 SHOWN = 3
-"""At most so many foreign files are named in a refusal."""
+"""Most foreign files that a refusal names."""
 
 
 class OccupiedFolderError(UsageError):

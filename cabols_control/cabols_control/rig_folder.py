@@ -1,4 +1,4 @@
-"""A rig is a folder of files: which files, who reads them, and where the folder of a name is."""
+"""A rig is a folder of files: their names, their readers, and the folder of a rig's name."""
 
 from __future__ import annotations
 

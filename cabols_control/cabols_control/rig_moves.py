@@ -1,4 +1,4 @@
-"""Where the files and keys of 0.1 went: for whoever migrates, people or programs."""
+"""New places of the files and keys of 0.1, for migration by people or programs."""
 
 from __future__ import annotations
 

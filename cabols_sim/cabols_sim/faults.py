@@ -49,7 +49,7 @@ KINDS: dict[str, FaultKind] = {
     "pose_silent": FaultKind(0.0, "", False, "no pose is reported"),
     "egm_loss": FaultKind(0.3, "", False, "share of the robot's packets that get lost"),
     "egm_delay": FaultKind(0.05, "s", False, "the robot's packets come late"),
-    "robot_stopped": FaultKind(0.0, "", False, "somebody presses the robot's emergency stop"),
+    "robot_stopped": FaultKind(0.0, "", False, "an operator presses the robot's emergency stop"),
     "beam": FaultKind(0.0, "", False, "the laser tracker's beam is blocked"),
 }
 

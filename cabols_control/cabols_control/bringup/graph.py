@@ -269,7 +269,7 @@ ARGUMENTS = (
         "campaign_file", "", "campaign.yaml of campaigns that name none", ("stiffness_campaign",)
     ),
     Argument("campaign_folder", "", "folder of campaigns that name none", ("stiffness_campaign",)),
-    Argument("auto_start", False, "pre-tighten and load without being asked", ("supervisor",)),
+    Argument("auto_start", False, "pre-tighten and load without a request", ("supervisor",)),
     Argument("plant_file", "", "YAML of the plant; empty: the rig's", ("plant",), ("bench",)),
     Argument("linear", False, "simulate the linear plant", ("plant",), ("bench",)),
     Argument("seed", 0, "of the simulated rig's noise", ("plant",), ("bench",)),
@@ -282,7 +282,7 @@ ARGUMENTS = (
     ),
     Argument("truth", False, "publish what no sensor sees", ("plant",), ("bench",)),
     Argument("lockstep", False, "deterministic: the clock waits for answers", (), ("bench",)),
-    Argument("steps", 0, "lockstep: end after so many milliseconds", ("plant",), ("bench",)),
+    Argument("steps", 0, "lockstep: end after this number of milliseconds", ("plant",), ("bench",)),
 )
 
 

@@ -1,1 +1,1 @@
-"""The operator's console: who may do what, what is shown, and the page; no ROS in here."""
+"""The operator's console: access, command, views and the page; without ROS."""

@@ -21,7 +21,7 @@ def preview_svg(
         time: (k,) [s].
         wrench: k rows of six, one after the other [N, N m].
         worst_time: marked by a line and a word; NaN: none [s].
-        name: of the programme, for those who cannot see.
+        name: of the programme, for screen readers.
     """
     panel = (HEIGHT - GAP) / 2 - 10
     end = max(time[-1], 1e-9) if time else 1.0

@@ -43,13 +43,13 @@ class SupervisorNode(ControlNode):
             needed = (*needed, "abb_tracker_bridge")
         config = SupervisionConfig(
             auto_start=declare(
-                self, "auto_start", False, "pre-tighten and go to LOADING without being asked"
+                self, "auto_start", False, "pre-tighten and go to LOADING without a request"
             ),
             pretension_timeout_s=declare(
-                self, "pretension_timeout", 15.0, "s, pre-tightening may take so long", (0.1, 600.0)
+                self, "pretension_timeout", 15.0, "s, longest pre-tightening", (0.1, 600.0)
             ),
             state_timeout_s=declare(
-                self, "state_timeout", 0.2, "s, limb states may be silent so long", (0.01, 10.0)
+                self, "state_timeout", 0.2, "s, longest silence of limb states", (0.01, 10.0)
             ),
             unloaded_tension=1.7 * self.rig.limbs.switch_tension,
             # In lockstep the clock itself waits for the controllers.
@@ -62,7 +62,7 @@ class SupervisorNode(ControlNode):
                 self,
                 "operator_timeout",
                 10.0,
-                "s, a console that has taken command may be silent so long while anything moves",
+                "s, longest silence of a console in command while anything moves",
                 (0.5, 86400.0),
             )
         )

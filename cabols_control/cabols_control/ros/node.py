@@ -147,7 +147,7 @@ class ControlNode(Node):
             self,
             "wait_for_readers",
             [""],
-            "topic=count pairs: do not begin before the topic has so many readers",
+            "topic=count pairs: start only when each topic has this number of readers",
         )
         self._wanted_readers = dict(item.split("=") for item in wanted if item)
         self.outputs: dict[str, Output] = {}

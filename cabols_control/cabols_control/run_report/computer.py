@@ -126,7 +126,7 @@ def is_computers(measured: float | None, limit: float, timer: float | None) -> b
 
     Args:
         measured: beyond its limit.
-        limit: at most so much is allowed.
+        limit: largest allowed value.
         timer: what the timers missed; None or NaN: not measured, then nothing is excused.
     """
     if measured is None or timer is None:

@@ -189,7 +189,7 @@ class AbbTrackerBridge(ControlNode):
         """Why the robot may not move in this mode; empty if it may."""
         present = self._stream.mode
         if present is None:
-            return "no mode heard: is the supervisor running?"
+            return "no mode received: is the supervisor running?"
         if present not in MAY_MOVE:
             allowed = " or ".join(mode.name for mode in MAY_MOVE)
             return f"the mode is {present.name}, expected {allowed}"

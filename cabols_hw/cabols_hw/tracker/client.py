@@ -175,7 +175,7 @@ class TrackerClient:
         if expected is None:
             if self._expected is None:
                 raise TrackerError(
-                    f"{reflector_name(reflector)}: expected to be told where it should be, got "
+                    f"{reflector_name(reflector)}: expected its nominal position, got "
                     "nothing; pass expected=, or a callable to TrackerClient",
                     "INVALID_ARGUMENT",
                 )

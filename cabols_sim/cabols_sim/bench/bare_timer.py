@@ -1,4 +1,4 @@
-"""A bare timer: sleeps to absolute instants, as the simulated card does, and does nothing else.
+"""A bare timer: waits for absolute instants, as the simulated card does, and does nothing else.
 
 Run as a process of its own beside the demo: `python -m cabols_sim.bench.bare_timer --period-ns N
 [--cpu CORE] [--fifo PRIORITY]`. On SIGTERM it prints one line of JSON: what it missed, and when.
@@ -40,7 +40,7 @@ def bare_timers(asked: Mapping[str, int], speed: float) -> Iterator[Timers]:
     Args:
         asked: of the kernel, as real_time_arguments(). The timers go before the loop's own work on
             their cores: what holds them up is never the loop.
-        speed: of the rig's time; a period of the rig's is so much longer on the computer's clock.
+        speed: of the rig's time; a period lasts its inverse times as long on the computer's clock.
     """
     cores = [asked.get("cpu", -1)]
     if asked.get("other_cpu", -1) >= 0:

@@ -89,7 +89,7 @@ def _arguments() -> argparse.Namespace:
     add(
         "--robot",
         action="store_true",
-        help="with robot and tracker; k_e then holds the robot's giving way, up to a tenth",
+        help="with robot and tracker; k_e then contains the robot's deflection, up to a tenth",
     )
     return parser.parse_args()
 

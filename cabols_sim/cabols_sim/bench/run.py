@@ -52,7 +52,7 @@ FIFO_PRIORITY = 50
 def real_time_arguments() -> dict[str, int]:
     """Return arguments for the least possible delay between bridge and limb controller.
 
-    Each on a core of its own that does not fall asleep, and before other work, as far as the
+    Each on a core of its own that stays awake, and before other work, as far as the
     kernel lets this process ask for it (root may; see docs/installing.md).
     """
     found: dict[str, int] = {}
@@ -102,7 +102,7 @@ def run_bench(
         environment: default isolated_environment().
         on_start: called with the process ids by node.
         keep_going: run on when a node ends.
-        respawn_s: start a node again so long after it has ended; None: never [s].
+        respawn_s: time from a node's end to its new start; None: never [s].
         tools: started after the graph; all ends with the first of them.
         stand_ins: package and executable to start in the place of an executable.
 

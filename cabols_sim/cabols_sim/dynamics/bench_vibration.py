@@ -134,7 +134,7 @@ class TargetCase:
 def target_cases(
     rig: Rig, control: ControlConfig, vibration: VibrationModel, factors: Sequence[float]
 ) -> tuple[TargetCase, ...]:
-    """Put a control design on targets that are so many times as stiff as the robot."""
+    """Put a control design on targets of multiples of the robot's stiffness."""
     cases = []
     design = Rig(rig.geometry, rig.limbs, control)
     stiffness, models = rig.limbs.stiffness, rig.limbs.models

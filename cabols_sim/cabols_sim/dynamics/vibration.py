@@ -83,7 +83,7 @@ class VibrationModel:
         return np.asarray(left @ np.diag(2.0 * self.damping_ratio * frequency) @ left.T)
 
     def with_target(self, factor: float) -> VibrationModel:
-        """Return the same rig with a target so many times as stiff."""
+        """Return the same rig with the target's stiffness multiplied."""
         return replace(self, target=factor * self.target)
 
     def shares(self) -> FloatArray:

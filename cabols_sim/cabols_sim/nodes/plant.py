@@ -101,7 +101,7 @@ class PlantNode(BridgeNode):
         """Build the rig."""
         super().__init__("plant", make_card)
         self._steps = declare(
-            self, "steps", 0, "lockstep: end after so many samples; 0: never", (0, 2**31 - 1)
+            self, "steps", 0, "lockstep: end after this number of samples; 0: never", (0, 2**31 - 1)
         )
         geometry = self.rig.geometry
         self._pose = topics.pose_layout(geometry).record()

@@ -127,7 +127,7 @@ class SensorPlantConfig:
         tool_weight: of platform and tool on the sensor, along -z of the base [N].
         tool_centre_of_mass: (3,) where it pulls, from the platform's origin, platform axes [m].
         switch_tension: where a limit switch closes [N].
-        switch_hysteresis: it opens so much lower [N].
+        switch_hysteresis: it opens below switch_tension by this [N].
     """
 
     encoder_quantised: bool = True

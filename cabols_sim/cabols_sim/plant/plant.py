@@ -34,7 +34,7 @@ SENSORS = np.dtype(
     [
         ("counts_per_metre", np.float64),
         ("switch_tension", np.float64),  # where a limit switch closes [N]
-        ("switch_hysteresis", np.float64),  # it opens so much lower [N]
+        ("switch_hysteresis", np.float64),  # tension below switch_tension at which it opens [N]
         ("switch_active_low", np.int64),  # whether a closed switch pulls its line low
         ("weight", np.float64, (3,)),  # of platform and tool, base axes [N]
         ("centre", np.float64, (3,)),  # where it pulls, platform axes [m]

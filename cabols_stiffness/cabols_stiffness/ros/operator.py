@@ -18,10 +18,10 @@ from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.ros.intake import Intake
 
 ANSWER_S = 10.0
-"""Wall time for an answer that only says whether something was begun."""
+"""Longest wall time of an answer that only says whether something was started [s]."""
 RETRY_S = 0.1
 REFUSED_S = 2.0
-"""Of the rig's time, that a goal may be refused for."""
+"""Longest time of refusals of a goal, in the rig's time [s]."""
 STALL_S = 25.0
 """Wall time without a sample after which the rig counts as gone; a lockstep clock gives up after
 20 s."""
@@ -31,11 +31,11 @@ ACTION_STRETCH = 20.0
 
 
 class InterruptedCampaignError(CampaignError):
-    """The campaign cannot go on now: an abort, a FAULT, a rig that is gone."""
+    """The campaign cannot continue: an abort, a FAULT, a rig that does not answer."""
 
 
 class Operator:
-    """What an operator does at the console, for a campaign's thread.
+    """The operator's services and actions, for a campaign's thread.
 
     Every wait ends: after its time on the rig's clock, with FAULT, with an abort, or when samples
     stop.
@@ -56,7 +56,7 @@ class Operator:
         self._aborted = self._aborted or reason
 
     def forget_abort(self) -> None:
-        """Let waits be waits again, so that the rig can be unloaded."""
+        """Allow waits again, so that the rig can be unloaded."""
         self._aborted = ""
 
     def until(
@@ -68,7 +68,7 @@ class Operator:
         """Wait for a condition.
 
         Args:
-            condition: looked at after every look of the intake.
+            condition: checked after every turn of the intake.
             seconds: of the rig's time.
             loading: whether the mode must stay LOADING meanwhile.
 
@@ -109,7 +109,7 @@ class Operator:
             raise InterruptedCampaignError(f"the mode became {name}: {intake.reason}")
 
     def pause(self, seconds: float) -> None:
-        """Let so much of the rig's time pass."""
+        """Wait for an amount of the rig's time."""
         self.until(lambda: False, seconds)
 
     def enter(self, mode: OperatingMode, seconds: float) -> str:

@@ -59,7 +59,7 @@ def rig_options(parser: argparse.ArgumentParser) -> None:
 
 
 def worker_options(parser: argparse.ArgumentParser) -> None:
-    """Options about who does the work."""
+    """Add the options about workers."""
     parser.add_argument(
         "--scheduler",
         default=LOCAL,

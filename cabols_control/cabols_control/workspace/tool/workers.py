@@ -64,7 +64,7 @@ class Workers:
             progress: called with the pieces done and all pieces.
 
         Returns:
-            The map; the same bits whoever works.
+            The map; the same bits for any number of workers.
         """
         positions, rotations, parts = grid.positions, grid.rotations, pieces_of(grid)
         done: list[Piece | None] = [None] * len(parts)
