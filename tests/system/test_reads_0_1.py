@@ -15,7 +15,7 @@ import yaml
 
 from cabols_control.bags.reader import read_bag
 from cabols_control.bags.recover import main as recover
-from cabols_control.configuration import load_config, read_yaml
+from cabols_control.configuration import read_yaml
 from cabols_control.console.scene import load_scene
 from cabols_control.geometry import load_geometry
 from cabols_control.rig import load_rig
@@ -23,12 +23,12 @@ from cabols_control.run_report.figures_of_merit import summarise
 from cabols_control.run_report.run import load_run
 from cabols_control.workspace.bodies import load_bodies
 from cabols_hw.abb.configurations import load_configurations
-from cabols_hw.card.config import CardConfig
-from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.card.config import load_card
+from cabols_hw.safety.config import load_safety
 from cabols_hw.tracker.config import load_tracker_config
-from cabols_sim.devices.robot.robot_config import RobotConfig
+from cabols_sim.devices.robot.robot_config import load_robot_truth
 from cabols_sim.devices.tracker.config import load_tracker_truth
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import load_plant
 from cabols_stiffness import load_robot
 from cabols_stiffness.analysis.analyze import main as analyze
 from cabols_stiffness.campaign.journal import Journal, read_samples
@@ -95,7 +95,9 @@ def test_killed_bag_is_recovered(killed, capsys):
 def test_rig_files_say_what_the_bench_says():
     """0.1's bench and today's are the same rig: every number that control reads is equal."""
     old = load_rig(
-        RIG / "bench_geometry.yaml", RIG / "bench_limbs.yaml", RIG / "bench_control.yaml"
+        geometry=RIG / "bench_geometry.yaml",
+        limbs=RIG / "bench_limbs.yaml",
+        control=RIG / "bench_control.yaml",
     )
     new = load_rig()
     np.testing.assert_array_equal(old.geometry.base_points, new.geometry.base_points)
@@ -106,30 +108,35 @@ def test_rig_files_say_what_the_bench_says():
 
 
 def test_designed_geometry_and_fast_control_load():
-    rig = load_rig(RIG / "designed_geometry.yaml", control=RIG / "fast_control.yaml")
+    rig = load_rig(geometry=RIG / "designed_geometry.yaml", control=RIG / "fast_control.yaml")
     assert rig.geometry.cables == 8
     assert load_geometry(RIG / "designed_geometry.yaml").platform_radius > 0.0
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"),
+    ("load", "name"),
     [
-        (CardConfig, "bench_card.yaml"),
-        (SafetyConfig, "bench_safety.yaml"),
-        (PlantConfig, "bench_plant.yaml"),
-        (RobotConfig, "bench_robot.yaml"),
+        (load_card, "bench_card.yaml"),
+        (load_safety, "bench_safety.yaml"),
+        (load_robot_truth, "bench_robot.yaml"),
     ],
 )
-def test_device_files_load(kind, name):
-    assert load_config(kind, RIG / name)
+def test_device_files_load_as_the_bench_does(load, name):
+    assert load(path=RIG / name) == load()
+
+
+def test_plant_file_loads():
+    old, new = load_plant(path=RIG / "bench_plant.yaml"), load_plant()
+    assert old.limbs == new.limbs
+    assert old.sensors.tool_weight == pytest.approx(new.sensors.tool_weight, abs=1e-4)
 
 
 def test_files_with_loaders_of_their_own_load():
-    assert len(load_configurations(RIG / "bench_robot_configurations.yaml")) >= 10
-    assert load_tracker_config(RIG / "bench_tracker.yaml")
-    assert load_tracker_truth(RIG / "bench_tracker_truth.yaml")
-    assert load_scene(RIG / "bench_scene.yaml")
-    assert load_bodies(RIG / "bench_bodies.yaml")
+    assert len(load_configurations(path=RIG / "bench_robot_configurations.yaml")) >= 10
+    assert load_tracker_config(path=RIG / "bench_tracker.yaml")
+    assert load_tracker_truth(path=RIG / "bench_tracker_truth.yaml")
+    assert load_scene(path=RIG / "bench_scene.yaml")
+    assert load_bodies(path=RIG / "bench_bodies.yaml")
     assert load_plan(RIG / "bench_campaign.yaml").configurations
     assert load_robot(RIG / "irb1600_6_145.urdf").limits.shape == (6, 2)
 
