@@ -11,9 +11,7 @@ from cabols_msgs.msg import (
     LoopStatus,
 )
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.msg import Log
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, LatestValues
 from cabols_control.console.view_models import (
@@ -31,9 +29,8 @@ from cabols_control.naming import reflector_name
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
-from cabols_control.ros.loop import Input, subscribe_aside
-from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.topics import message_type
+from cabols_control.ros.loop import Input
+from cabols_control.ros.reader import Reader
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import fault_name
 from cabols_control.supervision.modes import Cause, Entry, OperatingMode
@@ -46,28 +43,6 @@ LEVELS = {DiagnosticStatus.OK: 1, DiagnosticStatus.WARN: 0, DiagnosticStatus.ERR
 """Level on /diagnostics to state of LoopStatus."""
 LOUD = 30
 """Level of a warning on rosout; lower ones stay in the nodes' own logs."""
-ROS_TOPICS: dict[str, tuple[type, QoSProfile]] = {
-    "/diagnostics": (DiagnosticArray, QoSProfile(depth=100)),
-    "/rosout": (Log, QoSProfile(depth=200, durability=DurabilityPolicy.VOLATILE)),
-}
-
-
-class Typed:
-    """Messages of a rare topic, taken as objects when read; no executor wakes up for them."""
-
-    def __init__(self, node: Node, topic: str) -> None:
-        """Subscribe to a topic of the graph, or to one of ROS itself."""
-        msg_type, qos = ROS_TOPICS.get(topic) or (message_type(topic), topic_qos(topic))
-        self._type = msg_type
-        self.subscription = subscribe_aside(node, msg_type, topic, qos, raw=False)
-        self._handle = self.subscription.handle
-
-    def take(self) -> list[Any]:
-        """Take all waiting messages, oldest first."""
-        found = []
-        while (taken := self._handle.take_message(self._type, False)) is not None:
-            found.append(taken[0])
-        return found
 
 
 class Feed:
@@ -86,15 +61,15 @@ class Feed:
         self._wrench = live("wrench", topics.wrench_layout(geometry.platform_frame))
         self._command = live("tension_command", topics.tension_command_layout(geometry))
         self._pose = live("platform_pose", topics.pose_layout(geometry))
-        self._joints = Typed(node, live_name("joint_states"))
-        self._modes = Typed(node, "mode")
-        self._status = Typed(node, "loop_status")
-        self._diagnostics = Typed(node, "/diagnostics")
-        self._measured = Typed(node, "reflector_measurement")
-        self._estimates = Typed(node, "stiffness_estimate")
-        self._campaigns = Typed(node, "campaign_status")
-        self._recordings = Typed(node, "recording")
-        self._spoken = Typed(node, "/rosout")
+        self._joints = Reader(node, live_name("joint_states"))
+        self._modes = Reader(node, "mode")
+        self._status = Reader(node, "loop_status")
+        self._diagnostics = Reader(node, "/diagnostics")
+        self._measured = Reader(node, "reflector_measurement")
+        self._estimates = Reader(node, "stiffness_estimate")
+        self._campaigns = Reader(node, "campaign_status")
+        self._recordings = Reader(node, "recording")
+        self._spoken = Reader(node, "/rosout")
         self._reports: dict[str, LoopReport] = {}
         self._beam: Measured | None = None
         self._mode: Entry | None = None

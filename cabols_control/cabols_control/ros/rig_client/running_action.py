@@ -1,0 +1,73 @@
+"""An action that was started and goes on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from cabols_control.ros.rig_client.errors import ActionFailedError
+
+if TYPE_CHECKING:
+    from cabols_control.ros.rig_client.client import RigClient
+
+CANCEL_S = 10.0
+
+
+class RunningAction:
+    """An accepted goal.
+
+    Attributes:
+        name: of the action.
+    """
+
+    def __init__(self, client: RigClient, name: str, handle: Any) -> None:
+        """Ask for the result of a goal; result() waits for it."""
+        self.name = name
+        self._client = client
+        self._handle = handle
+        self._future = client.watched(client.calls.result(handle))
+
+    @property
+    def done(self) -> bool:
+        """Whether the result has come."""
+        return bool(self._future.done())
+
+    def result(self, timeout_s: float = 3600.0) -> Any:
+        """Wait for the end.
+
+        Args:
+            timeout_s: longest wait [s]; after it the goal is cancelled.
+
+        Returns:
+            The action's result, whose `success` is true.
+
+        Raises:
+            ActionFailedError: if the action ended without success.
+            RigFaultError: if the rig came into FAULT before.
+            RigTimeoutError: after `timeout_s`.
+        """
+        try:
+            self._client.wait(lambda: self.done, f"the end of {self.name}", timeout_s)
+        except BaseException:
+            if not self.done:
+                self._client.calls.cancel(self._handle)
+            raise
+        result = self._future.result().result
+        if not result.success:
+            raise ActionFailedError(self.name, result)
+        return result
+
+    def cancel(self, timeout_s: float = CANCEL_S) -> Any:
+        """End it, and wait for its result.
+
+        Returns:
+            The action's result; a cancelled action has no success.
+
+        Raises:
+            RigTimeoutError: if the result does not come in time.
+        """
+        if not self.done:
+            self._client.calls.cancel(self._handle)
+        self._client.wait(
+            lambda: self.done, f"the end of {self.name}", timeout_s, even_in_fault=True
+        )
+        return self._future.result().result
