@@ -135,9 +135,7 @@ def _run(
     with bare_timers(asked, arguments.speed) as timers, Progress(program.duration) as progress:
         session, on_start = None, None
         if session_module is not None:
-            plan = session_module.DemoPlan(
-                arguments.program, program.duration, arguments.speed, arguments.rig
-            )
+            plan = session_module.DemoPlan(arguments.program, program.duration, arguments.speed)
             domain = int(environment["ROS_DOMAIN_ID"])
             session = session_module.DemoSession(plan, domain, progress.step, progress.load)
             on_start = session.start

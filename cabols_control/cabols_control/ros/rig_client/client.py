@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
-import rclpy
-from cabols_msgs.msg import LoopStatus, Mode, ResultCode
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.node import Node
+from cabols_msgs.msg import LoopStatus
 
-from cabols_control.ros import transport
-from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.reader import Reader
-from cabols_control.ros.rig_client.calls import RigCalls
+from cabols_control.result_code import ResultCode
+from cabols_control.ros.rig_client.connection import RigConnection
 from cabols_control.ros.rig_client.errors import (
     AbandonedError,
     RefusedError,
     RigError,
-    RigFaultError,
     RigTimeoutError,
 )
 from cabols_control.ros.rig_client.running_action import RunningAction
 from cabols_control.supervision.modes import MOVING, OperatingMode
-from cabols_control.topics import LIVE, NAMESPACE, Quality, topic_row
 
 NODES = ("supervisor", "limb_controller", "wrench_controller")
 """Nodes of the control path, beside a bridge."""
@@ -42,13 +34,11 @@ ASK_AGAIN_S = 1.0
 """A request without an answer is sent again after so long [s]."""
 RETRY_S = 0.1
 """Between a refusal and the next request [s]."""
-FRESH_S = 1.0
-"""A sample of a topic at the control rate is newest no longer than this [s]."""
 FINAL = (ResultCode.BAD_REQUEST, ResultCode.FAULT_LATCHED)
 """Refusals that asking again does not lift."""
 
 
-class RigClient:
+class RigClient(RigConnection):
     """One client of a running rig, simulated or not; its methods wait, and every wait has an end.
 
     As a context manager it is a program of its own:
@@ -67,59 +57,7 @@ class RigClient:
     for another one.
     """
 
-    def __init__(
-        self,
-        node: Node | None = None,
-        *,
-        name: str = "rig_client",
-        domain: int | None = None,
-        speed: float = 1.0,
-        poll_s: float = 0.02,
-    ) -> None:
-        """Join the graph.
-
-        Args:
-            node: an existing node in the rig's namespace, which its owner lets spin in another
-                thread; None: a node, an executor and a context of its own.
-            name: of the client's own node.
-            domain: DDS domain of the client's own context; None: ROS_DOMAIN_ID.
-            speed: of the rig's time, below 1 in simulated slow motion: waits for the rig stretch.
-            poll_s: between two looks at what no callback tells [s].
-        """
-        self._speed = min(speed, 1.0)
-        self._poll_s = poll_s
-        self._news = threading.Condition()
-        self._abandoned = threading.Event()
-        self._mode: Mode | None = None
-        self._moved = False
-        self._readers: dict[str, tuple[Reader, Any, int]] = {}
-        self.reports: dict[str, LoopStatus] = {}
-        """Newest report of each node."""
-        self._owned = node is None
-        self._node = self._own_node(name, domain) if node is None else node
-        self.calls = RigCalls(self._node)
-        """Services and actions as futures, for what has no method here."""
-        subscribe = self._node.create_subscription
-        self._subscriptions = [
-            subscribe(Mode, "mode", self._hear_mode, topic_qos("mode")),
-            subscribe(LoopStatus, "loop_status", self._hear_status, topic_qos("loop_status")),
-        ]
-        if self._owned:
-            self._thread.start()
-
-    def _own_node(self, name: str, domain: int | None) -> Node:
-        self._context = rclpy.Context()
-        transport.init(context=self._context, domain_id=domain)
-        node = rclpy.create_node(name, namespace=NAMESPACE, context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(node)
-        self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
-        return node
-
-    def _spin(self) -> None:
-        with suppress(ExternalShutdownException):
-            while self._context.ok():
-                self._executor.spin_once(timeout_sec=0.2)
+    _moved = False
 
     def __enter__(self) -> RigClient:
         """Return itself."""
@@ -139,101 +77,6 @@ class RigClient:
         finally:
             self.close()
 
-    def close(self) -> None:
-        """Leave the graph."""
-        self.calls.close()
-        for reader, *_ in self._readers.values():
-            self._node.destroy_subscription(reader.subscription)
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
-        self._readers, self._subscriptions = {}, []
-        if self._owned:
-            self._context.try_shutdown()
-            self._thread.join(timeout=5.0)
-            self._node.destroy_node()
-
-    def abandon(self) -> None:
-        """Let whoever waits now, or later, get an AbandonedError; for another thread."""
-        self._abandoned.set()
-        self._tell()
-
-    @property
-    def node(self) -> Node:
-        """The client's node, for what has no method here."""
-        return self._node
-
-    @property
-    def mode(self) -> OperatingMode | None:
-        """Newest mode; None before the first."""
-        message = self._mode
-        return None if message is None else OperatingMode(message.mode)
-
-    @property
-    def mode_message(self) -> Mode | None:
-        """The same with reason, cause and number of its pre-tightening."""
-        return self._mode
-
-    def _hear_mode(self, message: Mode) -> None:
-        with self._news:
-            self._mode = message
-            self._news.notify_all()
-
-    def _hear_status(self, message: LoopStatus) -> None:
-        with self._news:
-            self.reports[message.node] = message
-            self._news.notify_all()
-
-    def wait(
-        self,
-        condition: Callable[[], bool],
-        what: str | Callable[[], str],
-        timeout_s: float,
-        even_in_fault: bool = False,
-    ) -> None:
-        """Wait for a condition.
-
-        Args:
-            condition: looked at with every mode, report and answer, and every `poll_s`.
-            what: that is waited for, for the error.
-            timeout_s: longest wait [s].
-            even_in_fault: do not give up in FAULT.
-
-        Raises:
-            RigTimeoutError: when the time is over.
-            RigFaultError: if the rig is in FAULT, unless `even_in_fault`.
-            AbandonedError: if the client is abandoned, or its context has ended.
-        """
-        give_up = time.monotonic() + timeout_s
-        while not condition():
-            if self._abandoned.is_set() or not self._node.context.ok():
-                raise AbandonedError
-            if not even_in_fault:
-                self.check_fault()
-            if not time.monotonic() < give_up:
-                text = what if isinstance(what, str) else what()
-                raise RigTimeoutError(text, timeout_s, self._standing())
-            with self._news:
-                self._news.wait(self._poll_s)
-
-    def pause(self, seconds: float) -> None:
-        """Let time pass on the rig's clock [s]; raises as wait() does."""
-        until = time.monotonic() + seconds / self._speed
-        self.wait(
-            lambda: time.monotonic() >= until, "time to pass", 2.0 * seconds / self._speed + 1
-        )
-
-    def check_fault(self) -> None:
-        """Raise a RigFaultError if the rig is in FAULT."""
-        message = self._mode
-        if message is not None and message.mode == Mode.FAULT:
-            raise RigFaultError(message)
-
-    def _standing(self) -> str:
-        message = self._mode
-        if message is None:
-            return "no mode has arrived: is the supervisor running, in this DDS domain?"
-        return f"the mode is {OperatingMode(message.mode).name}: {message.reason}"
-
     def wait_running(self, *nodes: str, timeout_s: float = START_S) -> None:
         """Wait until nodes report that they run.
 
@@ -246,7 +89,8 @@ class RigClient:
         """
 
         def missing() -> list[str]:
-            running = {n for n, r in self.reports.items() if r.state == LoopStatus.RUNNING}
+            reports = self.reports.items()
+            running = {name for name, report in reports if report.state == LoopStatus.RUNNING}
             found = [name for name in nodes or NODES if name not in running]
             if not nodes and not running & set(BRIDGES):
                 found.append(" or ".join(BRIDGES))
@@ -303,15 +147,6 @@ class RigClient:
             for future in asked:
                 if not future.done():
                     self.calls.forget(service, future)
-
-    def watched(self, future: Any) -> Any:
-        """Let wait() look at once when a future is done; return the future."""
-        future.add_done_callback(lambda _: self._tell())
-        return future
-
-    def _tell(self) -> None:
-        with self._news:
-            self._news.notify_all()
 
     def ask(self, service: str, timeout_s: float = ANSWER_S, **fields: Any) -> Any:
         """Call a service that must succeed; as call().
@@ -478,43 +313,6 @@ class RigClient:
             RigError: as run().
         """
         return self.run("run_program", on_feedback, program=program, scale=scale, checked=checked)
-
-    def newest(self, topic: str, timeout_s: float = 5.0, live: bool | None = None) -> Any:
-        """Return the newest message of a topic; of a sample, one that is at most a second old.
-
-        Args:
-            topic: its name in cabols_control.topics.
-            timeout_s: longest wait for one [s].
-            live: of the topic's slow copy, which costs the control loop nothing; None: where there
-                is one.
-
-        Raises:
-            RigTimeoutError: if none comes.
-        """
-        found: list[Any] = []
-
-        def came() -> bool:
-            message = self.newest_if_any(topic, live)
-            if message is not None:
-                found.append(message)
-            return bool(found)
-
-        self.wait(came, f"a message of {topic}", timeout_s, even_in_fault=True)
-        return found[0]
-
-    def newest_if_any(self, topic: str, live: bool | None = None) -> Any:
-        """Return the same without waiting; None if there is none."""
-        row = topic_row(topic)
-        name = LIVE + topic if (row.live if live is None else live) else topic
-        if name not in self._readers:
-            self._readers[name] = (Reader(self._node, name), None, 0)
-        reader, message, received_ns = self._readers[name]
-        for newer, when_ns in reader.take_timed():
-            message, received_ns = newer, when_ns
-        self._readers[name] = (reader, message, received_ns)
-        if message is None or row.quality != Quality.CONTROL:
-            return message
-        return message if time.time_ns() - received_ns <= 1e9 * FRESH_S / self._speed else None
 
     def emergency_stop(self, timeout_s: float = ANSWER_S) -> None:
         """Cut all currents and latch FAULT.

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from cabols_msgs.msg import ResultCode
-
 from cabols_control.errors import CabolsError
+from cabols_control.result_code import ResultCode
+
+
+def result_code(number: int) -> ResultCode:
+    """Return a code by its number; one that this version does not know is UNKNOWN.
+
+    Args:
+        number: as in a message.
+    """
+    return ResultCode(number) if number in set(ResultCode) else ResultCode.UNKNOWN
 
 
 class RigError(CabolsError):
@@ -31,17 +39,18 @@ class RefusedError(RigError):
     Attributes:
         request: what was asked for.
         text: why it was refused, for people.
-        code: one of cabols_msgs/ResultCode.
+        code: cabols_control.result_code.ResultCode.
         fault: name of the fault that forbids it; empty if none does.
     """
 
     def __init__(
         self, request: str, text: str, code: int = ResultCode.UNKNOWN, fault: str = ""
     ) -> None:
+        """See the class for the arguments."""
         super().__init__(f"{request} was refused: {text}")
         self.request = request
         self.text = text
-        self.code = code
+        self.code = result_code(code)
         self.fault = fault
 
 
@@ -50,14 +59,14 @@ class ActionFailedError(RigError):
 
     Attributes:
         action: its name.
-        code: one of cabols_msgs/ResultCode.
+        code: cabols_control.result_code.ResultCode.
         result: all that it returned.
     """
 
     def __init__(self, action: str, result: Any) -> None:
         super().__init__(f"{action}: {result.message or 'it failed'}")
         self.action = action
-        self.code = int(result.code)
+        self.code = result_code(result.code)
         self.result = result
 
 

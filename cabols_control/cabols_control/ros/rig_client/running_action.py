@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from cabols_control.ros.rig_client.connection import RigConnection
 from cabols_control.ros.rig_client.errors import ActionFailedError
-
-if TYPE_CHECKING:
-    from cabols_control.ros.rig_client.client import RigClient
 
 CANCEL_S = 10.0
 
@@ -19,7 +17,7 @@ class RunningAction:
         name: of the action.
     """
 
-    def __init__(self, client: RigClient, name: str, handle: Any) -> None:
+    def __init__(self, client: RigConnection, name: str, handle: Any) -> None:
         """Ask for the result of a goal; result() waits for it."""
         self.name = name
         self._client = client
