@@ -11,6 +11,7 @@ from std_srvs.srv import Trigger
 from cabols_control.console.latest import LatestValues
 from cabols_control.ros import console_calls
 from cabols_control.ros.console_calls import Calls
+from cabols_control.ros.rig_client import calls as rig_calls
 
 
 class FakeClient:
@@ -40,7 +41,7 @@ def call(monkeypatch):
     """Calls a service through a fake client; quick ones, so that nothing takes its full time."""
     monkeypatch.setattr(console_calls, "REPEAT_S", 0.01)
     monkeypatch.setattr(console_calls, "LOOK_AGAIN_S", 0.001)
-    monkeypatch.setattr(console_calls, "ActionClient", lambda *_: None)
+    monkeypatch.setattr(rig_calls, "ActionClient", lambda *_: None)
 
     def ask(client, service="emergency_stop"):
         class Node:

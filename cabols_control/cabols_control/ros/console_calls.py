@@ -5,55 +5,26 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
-from cabols_msgs.action import (
-    CommissionLimb,
-    MeasureReflector,
-    MoveToConfiguration,
-    RunProgram,
-    RunStiffnessTest,
-)
-from cabols_msgs.srv import CheckProgram, SetMode
-from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.task import Future
-from std_srvs.srv import SetBool, Trigger
 
 from cabols_control.console.dispatcher import Answer
 from cabols_control.console.latest import NOTICE, WARNING, LatestValues
-from cabols_control.ros.executor_thread import hand_over
+from cabols_control.ros.rig_client.calls import ACTIONS, ONCE, SERVICES, RigCalls
 
 ANSWER_S = 5.0
 """Longest wait for an answer [s]."""
 MATCH_S = 3.0
-"""Longest wait for a service that is not matched: its node, or this one, may just have started."""
+"""Longest wait for a server that is not matched: its node, or this one, may just have started."""
 LOOK_AGAIN_S = 0.02
-"""Between looks whether a service is matched [s]."""
+"""Between looks whether a server is matched [s]."""
 REPEAT_S = 0.5
-"""A repeated request is sent again when there was no answer for this long [s]."""
-REPEATED = ("emergency_stop", "check_program")
-"""Services that may be asked twice: what is done already changes nothing, and a request that went
-to a server which has just died must not be the last one."""
-SERVICES: dict[str, tuple[Any, str]] = {
-    "set_mode": (SetMode, "set_mode"),
-    "emergency_stop": (Trigger, "emergency_stop"),
-    "reset": (Trigger, "reset"),
-    "tare": (Trigger, "tare"),
-    "record": (SetBool, "record"),
-    "check_program": (CheckProgram, "check_program"),
-    "pause": (Trigger, "pause_stiffness_test"),
-    "resume": (Trigger, "resume_stiffness_test"),
-    "abort": (Trigger, "abort_stiffness_test"),
-    "report": (Trigger, "report_stiffness_test"),
-}
-ACTIONS: dict[str, Any] = {
-    "run_program": RunProgram,
-    "commission_limb": CommissionLimb,
-    "move_to_configuration": MoveToConfiguration,
-    "measure_reflector": MeasureReflector,
-    "run_stiffness_test": RunStiffnessTest,
-}
+"""A request is sent again when there was no answer for this long [s]; some never are: ONCE."""
+CAMPAIGN = {key: f"{key}_stiffness_test" for key in ("pause", "resume", "abort", "report")}
+"""Names of services that the page calls by less."""
 
 
 class Calls:
@@ -64,90 +35,59 @@ class Calls:
 
     def __init__(self, node: Node, latest: LatestValues) -> None:
         """Create the clients without calling them."""
-        self._node = node
         self._latest = latest
-        self._services = {
-            key: node.create_client(kind, name) for key, (kind, name) in SERVICES.items()
-        }
-        self._actions = {name: ActionClient(node, kind, name) for name, kind in ACTIONS.items()}
+        self._calls = RigCalls(node)
+        self._calls.prepare(tuple(SERVICES.keys() - {"inject_fault"}), tuple(ACTIONS))
         self._activities: dict[str, dict[str, Any]] = {}
         self._handles: dict[str, Any] = {}
 
     def close(self) -> None:
         """Destroy the action clients."""
-        for client in self._actions.values():
-            client.destroy()
+        self._calls.close()
 
     async def call(self, service: str, fields: dict[str, Any]) -> Answer:
-        """Call a service; the answer says so if it does not reply in time."""
-        client, (kind, name) = self._services[service], SERVICES[service]
-        if not await self._matched(client.service_is_ready):
-            return Answer(False, f"no service {name}: its node is not running")
-        try:
-            response = await self._ask(client, kind.Request(**fields), service in REPEATED)
-        except asyncio.TimeoutError:
-            return Answer(False, f"{name}: no answer within {ANSWER_S:g} s")
-        return Answer(bool(response.success), str(response.message) or "done", response)
+        """Call a service until it answers; what does not answer in time is said.
 
-    async def _matched(self, ready: Callable[[], bool]) -> bool:
-        """Wait until a service or an action's server is matched; whether it is."""
-        clock = asyncio.get_running_loop().time
-        give_up = clock() + MATCH_S
-        while not ready():
-            if clock() >= give_up:
-                return False
-            await asyncio.sleep(LOOK_AGAIN_S)
-        return True
-
-    async def _ask(self, client: Any, request: Any, repeated: bool) -> Any:
-        """Send a request, again and again if it may be repeated; the first answer counts.
-
-        Raises:
-            asyncio.TimeoutError: after ANSWER_S.
+        Args:
+            service: its name, or a short one of a campaign's.
+            fields: of the request.
         """
+        name = CAMPAIGN.get(service, service)
         loop = asyncio.get_running_loop()
-        arrived, sent = asyncio.Event(), []
+        if not await self._found(name):
+            return Answer(False, f"no service {name}: its node is not running")
+        asked: list[Future] = []
         give_up = loop.time() + ANSWER_S
         try:
-            while True:
-                sent.append(client.call_async(request))
-                sent[-1].add_done_callback(lambda _: loop.call_soon_threadsafe(arrived.set))
-                left = give_up - loop.time()
-                try:
-                    await asyncio.wait_for(
-                        arrived.wait(), min(REPEAT_S, left) if repeated else left
-                    )
-                except asyncio.TimeoutError:
-                    if not repeated or loop.time() >= give_up:
-                        raise
-                else:
-                    return next(future for future in sent if future.done()).result()
+            while (left := give_up - loop.time()) > 0.0:
+                asked.append(self._calls.call(name, **fields))
+                patience = left if name in ONCE else min(REPEAT_S, left)
+                with suppress(asyncio.TimeoutError):
+                    found = await _first(asked, patience)
+                    return Answer(bool(found.success), str(found.message) or "done", found)
+            return Answer(False, f"{name}: no answer within {ANSWER_S:g} s")
         finally:
-            for future in sent:
+            for future in asked:
                 if not future.done():
-                    client.remove_pending_request(future)
+                    self._calls.forget(name, future)
 
     async def start(self, action: str, fields: dict[str, Any]) -> Answer:
-        """Send a goal; its end shows in the activities."""
-        client, kind = self._actions[action], ACTIONS[action]
-        if not await self._matched(client.server_is_ready):
+        """Send a goal; its end shows in the activities.
+
+        Args:
+            action: its name.
+            fields: of the goal.
+        """
+        if not await self._found(action):
             return Answer(False, f"no action {action}: its node is not running")
         if self._activities.get(action, {}).get("busy"):
             return Answer(False, f"{action} is under way")
         self._set(action, busy=True, progress=0.0, text="asked")
-        goal = kind.Goal(**fields)
-        sending = hand_over(
-            self._node,
-            lambda: client.send_goal_async(goal, lambda heard: self._hear(action, heard.feedback)),
-        )
+        sent = self._calls.send_goal(action, lambda heard: self._hear(action, heard), **fields)
         try:
-            handle = await self._arrive(await self._arrive(sending))
+            handle = await _first([sent], ANSWER_S)
         except asyncio.TimeoutError:
-            sending.add_done_callback(
-                lambda late: late.result().add_done_callback(
-                    lambda answer: self._begin_late(action, answer)
-                )
-            )
+            sent.add_done_callback(lambda answer: self._begin_late(action, answer))
             self._set(action, busy=False, progress=0.0, text=f"no answer within {ANSWER_S:g} s")
             return Answer(False, f"{action}: no answer within {ANSWER_S:g} s")
         if not handle.accepted:
@@ -163,23 +103,20 @@ class Calls:
         if handle is None:
             return Answer(False, f"{action} is not under way")
         try:
-            sending = hand_over(self._node, handle.cancel_goal_async)
-            response = await self._arrive(await self._arrive(sending))
+            response = await _first([self._calls.cancel(handle)], ANSWER_S)
         except asyncio.TimeoutError:
             return Answer(False, f"{action}: no answer within {ANSWER_S:g} s")
         return Answer(bool(response.goals_canceling), "cancelling")
 
-    async def _arrive(self, future: Future) -> Any:
-        """Await a future of rclpy in asyncio.
-
-        Raises:
-            asyncio.TimeoutError: after ANSWER_S.
-        """
-        loop = asyncio.get_running_loop()
-        arrived = asyncio.Event()
-        future.add_done_callback(lambda _: loop.call_soon_threadsafe(arrived.set))
-        await asyncio.wait_for(arrived.wait(), ANSWER_S)
-        return future.result()
+    async def _found(self, name: str) -> bool:
+        """Wait until a service or an action's server is matched; whether it is."""
+        clock = asyncio.get_running_loop().time
+        give_up = clock() + MATCH_S
+        while not self._calls.ready(name):
+            if clock() >= give_up:
+                return False
+            await asyncio.sleep(LOOK_AGAIN_S)
+        return True
 
     def _begin_late(self, action: str, sent: Future) -> None:
         """Take a late answer, so that an action that has begun can still be cancelled."""
@@ -190,10 +127,7 @@ class Calls:
 
     def _follow(self, action: str, handle: Any) -> None:
         self._handles[action] = handle
-        asking = hand_over(self._node, handle.get_result_async)
-        asking.add_done_callback(
-            lambda asked: asked.result().add_done_callback(lambda done: self._end(action, done))
-        )
+        self._calls.result(handle).add_done_callback(lambda done: self._end(action, done))
 
     def _end(self, action: str, done: Future) -> None:
         self._handles.pop(action, None)
@@ -210,6 +144,20 @@ class Calls:
     def _set(self, action: str, **parts: Any) -> None:
         self._activities[action] = {**self._activities.get(action, {}), **parts}
         self._latest.put_state(activities=dict(self._activities))
+
+
+async def _first(futures: list[Future], seconds: float) -> Any:
+    """Await in asyncio the first answer of rclpy's futures.
+
+    Raises:
+        asyncio.TimeoutError: if none has come after so many seconds.
+    """
+    loop = asyncio.get_running_loop()
+    arrived = asyncio.Event()
+    for future in futures:
+        future.add_done_callback(lambda _: loop.call_soon_threadsafe(arrived.set))
+    await asyncio.wait_for(arrived.wait(), seconds)
+    return next(future.result() for future in futures if future.done())
 
 
 def _plain(result: Any) -> str:

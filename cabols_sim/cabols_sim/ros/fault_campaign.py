@@ -16,12 +16,13 @@ from pathlib import Path
 
 from cabols_control.command_line import DONE, FAILED, INTERRUPTED, command, fail
 from cabols_control.output_folder import output_folder
+from cabols_control.ros.rig_client import AbandonedError, RigError
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 from cabols_sim.fault_campaign.command import fault_campaign_parser
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
-from cabols_sim.ros.rig_watch import AbandonedError, RigError, RigWatch
+from cabols_sim.ros.rig_watch import RigWatch
 
 TRIALS = "trials.jsonl"
 ATTEMPTS = 3
@@ -54,7 +55,9 @@ class Campaign:
         trials = Trials(watch, pids, self._options.speed, self._options.output)
         began = time.monotonic()
         try:
-            watch.wait(lambda: watch.now_s > 0.0, "the rig's first sample", 120.0)
+            watch.wait(
+                lambda: watch.now_s > 0.0, "the rig's first sample", 120.0, even_in_fault=True
+            )
             time.sleep(2.0)
             for number, (kind, seed) in enumerate(self._todo, start=1):
                 self._trial(trials, kind, seed)

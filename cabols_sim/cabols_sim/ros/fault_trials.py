@@ -7,15 +7,15 @@ import signal
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cabols_control.load_programs.programs import CSV_HEADER
+from cabols_control.ros.rig_client import RigError, RunningAction
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.judgement import Report, TrialData, TrialResult, judge
 from cabols_sim.fault_campaign.kinds import Kind
-from cabols_sim.ros.rig_watch import RigError, RigWatch
+from cabols_sim.ros.rig_watch import RigWatch
 
 LOAD_N = 100.0
 """Force of the load under every fault, in a random direction, with 2 N m about it."""
@@ -60,8 +60,8 @@ class Trials:
         watch = self._watch
         handle = self._load(random)
         time.sleep(random.uniform(0.0, 0.2))
-        if watch.reports:
-            raise RigError(f"disturbed before the fault: {watch.reports[0].reason}")
+        if watch.complaints:
+            raise RigError(f"disturbed before the fault: {watch.complaints[0].reason}")
         limb = kind.pick_limb(random, watch.tension)
         fault_s = self._strike(kind, limb, kind.value(random), handle)
         self._watch_out(kind, fault_s)
@@ -80,7 +80,7 @@ class Trials:
         np.savez_compressed(path, fault_s=data.fault_s, reports=reports, **arrays)
         print(f"  not safe in time; what was recorded is in {path}", flush=True)
 
-    def _load(self, random: np.random.Generator) -> Any:
+    def _load(self, random: np.random.Generator) -> RunningAction:
         """Bring the rig under load from whatever state it is in."""
         watch = self._watch
         watch.inject("none")
@@ -88,14 +88,14 @@ class Trials:
         # A cut leaves the load on the gears; free-moving removes it, faster than tightening.
         watch.bring_to(OperatingMode.FREE_MOVING)
         with suppress(RigError):
-            watch.wait_unharmed(lambda: watch.tension.max() < LOW_N, "low tension", 2 / self._speed)
+            watch.wait(lambda: watch.tension.max() < LOW_N, "low tension", 2 / self._speed)
         watch.bring_to(OperatingMode.LOADING)
         direction = random.normal(size=3)
         direction /= np.linalg.norm(direction)
         wrench = np.concatenate([LOAD_N * direction, TORQUE_NM * direction])
-        handle = watch.run_program(str(self._programme(wrench)))
+        handle = watch.start("run_program", accept_s=5.0, program=str(self._programme(wrench)))
         scale = np.array([5.0] * 3 + [0.5] * 3)
-        watch.wait_unharmed(
+        watch.wait(
             lambda: bool((np.abs(watch.wrench - wrench) < scale).all()),
             f"the load of {wrench.round(1)}",
             20.0 / self._speed,
@@ -111,7 +111,7 @@ class Trials:
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         return path
 
-    def _strike(self, kind: Kind, limb: int, value: float, handle: Any) -> float:
+    def _strike(self, kind: Kind, limb: int, value: float, handle: RunningAction) -> float:
         """Cause the fault; return the rig's time of it."""
         watch = self._watch
         if kind.how == "inject" and kind.fault == "egm_bad":
@@ -123,7 +123,7 @@ class Trials:
             self._unload()
             watch.inject(kind.fault, limb, value)
             fault_s = watch.now_s
-            watch.leave_for(OperatingMode.PRETIGHTENING)
+            watch.ask("set_mode", mode=int(OperatingMode.PRETIGHTENING))
         elif kind.how == "beam":
             fault_s = watch.inject("beam")
             reason = watch.measure()
@@ -137,15 +137,13 @@ class Trials:
             fault_s = watch.now_s
         if kind.demand is not None:
             with suppress(RigError):
-                watch.cancel(handle)
+                handle.cancel()
         return fault_s
 
     def _unload(self) -> None:
         watch = self._watch
-        watch.leave_for(OperatingMode.STOPPED)
-        watch.wait_unharmed(
-            lambda: watch.mode == OperatingMode.STOPPED, "STOPPED", 10.0 / self._speed
-        )
+        watch.ask("set_mode", mode=int(OperatingMode.STOPPED))
+        watch.wait(lambda: watch.mode == OperatingMode.STOPPED, "STOPPED", 10.0 / self._speed)
         watch.forget()
 
     def _watch_out(self, kind: Kind, fault_s: float) -> None:
@@ -153,7 +151,7 @@ class Trials:
         watch, began = self._watch, time.monotonic()
         patience = PRETIGHTEN_S if kind.how == "pretighten" else DETECT_S
         give_up = began + patience / self._speed
-        while not watch.reports and time.monotonic() < give_up:
+        while not watch.complaints and time.monotonic() < give_up:
             if kind.demand is not None:
                 watch.demand(np.array(kind.demand))
             time.sleep(0.002)
@@ -165,7 +163,9 @@ class Trials:
             return
         now_s = max(watch.newest_s, fault_s)
         with suppress(RigError):
-            watch.wait(lambda: watch.newest_s > now_s + AFTER_S, "more samples", 10.0)
+            watch.wait(
+                lambda: watch.newest_s > now_s + AFTER_S, "more samples", 10.0, even_in_fault=True
+            )
 
     def renew(self) -> None:
         """Restart the plant: an overload that a cut left on its gears cannot be unloaded."""

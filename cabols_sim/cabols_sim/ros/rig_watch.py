@@ -1,117 +1,72 @@
-"""A rig seen from outside: its topics kept, its services and actions called."""
+"""A simulated rig seen from outside: its truth kept, faults injected."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
-from typing import Any
 
 import numpy as np
-import rclpy
-from cabols_msgs.action import MeasureReflector, RunProgram
 from cabols_msgs.msg import LoopStatus, Mode
-from cabols_msgs.srv import InjectFault, SetMode
 from geometry_msgs.msg import WrenchStamped
-from rclpy.action import ActionClient
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
-from cabols_control.errors import CabolsError
 from cabols_control.rig import load_rig
-from cabols_control.ros import topics, transport
-from cabols_control.ros.executor_thread import hand_over
+from cabols_control.ros import topics
 from cabols_control.ros.loop import Input, make_wait_set, wait
 from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.rig_client import ActionFailedError, RigClient
 from cabols_control.stamps import time_ns
 from cabols_control.supervision.faults import FaultName, fault_name
 from cabols_control.supervision.modes import OperatingMode
-from cabols_control.topics import NAMESPACE
 from cabols_sim.fault_campaign.judgement import Report, TrialData
 
 IN_PATH = ("plant", "limb_controller", "wrench_controller")
 BEFORE_S = 0.005
 DEPTH = 5000
 """The watcher must see every sample, also when it is late itself."""
+ASK_S = 0.05
+"""Between two requests of a mode [s]."""
 
 
-ASK_AGAIN_S = 2.0
-
-
-class RigError(CabolsError):
-    """The rig did not do what was asked, in time."""
-
-
-class AbandonedError(Exception):
-    """The watch was abandoned: whatever is under way ends, and is not tried again."""
-
-
-class RigWatch:
-    """Watches a simulated rig that publishes its truth.
-
-    Attributes:
-        mode: newest mode; None before the first.
-        mode_reason: why it was entered.
-    """
+class RigWatch(RigClient):
+    """Watches a simulated rig that publishes its truth."""
 
     def __init__(self, domain: int, speed: float = 1.0, rig: str = "") -> None:
-        """Join a DDS domain; the rig's time passes at `speed` of this computer's."""
-        self._speed = speed
+        """Join a DDS domain.
+
+        Args:
+            domain: of the rig.
+            speed: of its time in this computer's.
+            rig: its name or folder, see find_rig.
+        """
+        super().__init__(name="rig_watch", domain=domain, speed=speed, poll_s=0.002)
         self._arrived = 0.0
-        self._context = rclpy.Context()
-        transport.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node("rig_watch", namespace=NAMESPACE, context=self._context)
         self._lock = threading.Lock()
-        self._abandoned = threading.Event()
         self._states: list[tuple[float, FloatArray, FloatArray]] = []
         self._wrenches: list[tuple[float, FloatArray]] = []
-        self._reports: list[Report] = []
-        self._zeroed = False
+        self._complaints: list[Report] = []
         self._heard: dict[str, tuple[bool, FaultName | None]] = {}
-        self.mode: OperatingMode | None = None
-        self.mode_reason = ""
         geometry = load_rig(rig).geometry
         layout = topics.limb_state_layout(geometry)
-        self._state_input = Input(self._node, "true_limb_state", layout, depth=DEPTH)
+        self._state_input = Input(self.node, "true_limb_state", layout, depth=DEPTH)
         layout = topics.wrench_layout(geometry.base_frame)
-        self._wrench_input = Input(self._node, "true_wrench", layout, depth=DEPTH)
-        subscribe = self._node.create_subscription
-        subscribe(LoopStatus, "loop_status", self._hear_status, topic_qos("loop_status"))
-        subscribe(Mode, "mode", self._hear_mode, topic_qos("mode"))
-        self._desired = self._node.create_publisher(
+        self._wrench_input = Input(self.node, "true_wrench", layout, depth=DEPTH)
+        self._before: OperatingMode | None = None
+        subscribe = self.node.create_subscription
+        subscribe(LoopStatus, "loop_status", self._hear_complaint, topic_qos("loop_status"))
+        subscribe(Mode, "mode", self._hear_change, topic_qos("mode"))
+        self._desired = self.node.create_publisher(
             WrenchStamped, "desired_wrench", topic_qos("desired_wrench")
         )
-        self._set_mode = self._node.create_client(SetMode, "set_mode")
-        self._reset = self._node.create_client(Trigger, "reset")
-        self._inject = self._node.create_client(InjectFault, "inject_fault")
-        self._program = ActionClient(self._node, RunProgram, "run_program")
-        self._measure = ActionClient(self._node, MeasureReflector, "measure_reflector")
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
         # The truth comes at the control rate: taken raw, in a thread of its own.
-        self._threads = [
-            threading.Thread(target=target, daemon=True) for target in (self._spin, self._take)
-        ]
-        for thread in self._threads:
-            thread.start()
-
-    def _spin(self) -> None:
-        with suppress(ExternalShutdownException):
-            while self._context.ok():
-                self._executor.spin_once(timeout_sec=0.2)
-
-    def abandon(self) -> None:
-        """Let whoever waits now, or later, get an AbandonedError; for another thread."""
-        self._abandoned.set()
+        self._taker = threading.Thread(target=self._take, daemon=True)
+        self._taker.start()
 
     def close(self) -> None:
         """Leave."""
-        self._context.try_shutdown()
-        for thread in self._threads:
-            thread.join(timeout=5.0)
-        self._node.destroy_node()
+        self.node.context.try_shutdown()
+        self._taker.join(timeout=5.0)
+        super().close()
 
     def _take(self) -> None:
         inputs = (self._state_input, self._wrench_input)
@@ -129,7 +84,7 @@ class RigWatch:
                 with self._lock:
                     self._wrenches.append((1e-9 * self._wrench_input.stamp_ns, wrench))
 
-    def _hear_status(self, message: LoopStatus) -> None:
+    def _hear_complaint(self, message: LoopStatus) -> None:
         fault = message.state == LoopStatus.FAULT
         name = fault_name(message.fault, fault)
         now = (fault, name)
@@ -142,11 +97,10 @@ class RigWatch:
             )
             self.complain(Report(stamp_s, message.node, message.reason, fault, name))
 
-    def _hear_mode(self, message: Mode) -> None:
-        before, self.mode = self.mode, OperatingMode(message.mode)
-        self.mode_reason = message.reason
-        unasked = before == OperatingMode.LOADING and self.mode == OperatingMode.STOPPED
-        if before != self.mode and (self.mode == OperatingMode.FAULT or unasked):
+    def _hear_change(self, message: Mode) -> None:
+        before, self._before = self._before, OperatingMode(message.mode)
+        unasked = before == OperatingMode.LOADING and self._before == OperatingMode.STOPPED
+        if before != self._before and (self._before == OperatingMode.FAULT or unasked):
             # STOPPED out of LOADING: a supervisor that has begun anew, and stops the rig.
             name = fault_name(message.fault, True)
             self.complain(Report(self.now_s, "supervisor", message.reason, True, name))
@@ -155,7 +109,7 @@ class RigWatch:
         """Forget what was seen so far, but the newest."""
         with self._lock:
             self._states, self._wrenches = self._states[-1:], self._wrenches[-1:]
-            self._reports = []
+            self._complaints = []
 
     @property
     def now_s(self) -> float:
@@ -184,17 +138,17 @@ class RigWatch:
             return self._wrenches[-1][1] if self._wrenches else np.full(6, np.nan)
 
     @property
-    def reports(self) -> list[Report]:
+    def complaints(self) -> list[Report]:
         """What nodes complained of."""
         with self._lock:
-            return list(self._reports)
+            return list(self._complaints)
 
     def trial(self, fault_s: float) -> TrialData:
         """Return what was seen from an instant on, and the sample just before it."""
         with self._lock:
             states = [row for row in self._states if row[0] >= fault_s - BEFORE_S]
             wrenches = [row[1] for row in self._wrenches if row[0] >= fault_s]
-            reports = tuple(self._reports)
+            reports = tuple(self._complaints)
             n = self._states[-1][1].size if self._states else 0
         count = len(states)
         return TrialData(
@@ -206,65 +160,30 @@ class RigWatch:
             reports,
         )
 
-    def wait_unharmed(self, condition: Callable[[], bool], what: str, seconds: float) -> None:
-        """Wait for a condition, but not in FAULT."""
-        self.wait(lambda: condition() or self.mode == OperatingMode.FAULT, what, seconds)
-        if self.mode == OperatingMode.FAULT:
-            raise RigError(f"FAULT while waiting for {what}: {self.mode_reason}")
+    def inject(self, fault: str, limb: int = -1, value: float = 0.0) -> float:
+        """Inject a fault; return the plant's time of it [s].
 
-    def wait(self, condition: Callable[[], bool], what: str, seconds: float) -> None:
-        """Wait for a condition.
+        Args:
+            fault: a name of cabols_sim.faults.
+            limb: index from 0, where the fault has one.
+            value: of the fault, in its unit; 0: its default.
 
         Raises:
-            RigError: after `seconds`, naming what was waited for and the rig's mode.
-            AbandonedError: if the watch is abandoned.
+            RigError: if the plant refuses, or does not answer.
         """
-        give_up = time.monotonic() + seconds
-        while not condition():
-            if self._abandoned.is_set():
-                raise AbandonedError
-            if time.monotonic() > give_up:
-                mode = self.mode.name if self.mode is not None else "unknown"
-                raise RigError(
-                    f"waited {seconds:g} s in vain for {what}; mode {mode}: {self.mode_reason}"
-                )
-            time.sleep(0.002)
+        return float(self.ask("inject_fault", fault=fault, limb=limb, value=value).time)
 
-    def call(self, client: Any, request: Any, seconds: float = 10.0) -> Any:
-        """Call a service; RigError if it is not there or does not answer.
+    def bring_to(self, mode: OperatingMode, timeout_s: float | None = None) -> None:
+        """Go to a mode, through as many FAULTs as come: the faults are this campaign's own.
 
-        It is asked again after a while: a server that was killed is known for some time, and one
-        that has just begun may not know where to answer.
+        Args:
+            mode: that is wanted.
+            timeout_s: longest wait [s]; None: 10 s and 20 s of the rig's time.
+
+        Raises:
+            RigTimeoutError: with the last answer.
         """
-        if not client.wait_for_service(timeout_sec=seconds):
-            raise RigError(f"no service {client.srv_name} within {seconds:g} s")
-        futures: list[Any] = []
-        give_up = time.monotonic() + seconds
-        while time.monotonic() < give_up:
-            futures.append(client.call_async(request))
-            with suppress(RigError):
-                self.wait(lambda: any(f.done() for f in futures), "an answer", ASK_AGAIN_S)
-                return next(f.result() for f in futures if f.done())
-        raise RigError(f"no answer of {client.srv_name} within {seconds:g} s")
-
-    def _ask(self, send: Callable[[], Any], what: str, seconds: float) -> Any:
-        """Send an action's request; return the answer."""
-        task = hand_over(self._node, send)
-        self.wait(lambda: task.done() and task.result().done(), what, seconds)
-        return task.result().result()
-
-    def inject(self, fault: str, limb: int = -1, value: float = 0.0) -> float:
-        """Inject a fault; return the plant's time of it [s]."""
-        request = InjectFault.Request(fault=fault, limb=limb, value=value)
-        answer = self.call(self._inject, request)
-        if not answer.success:
-            raise RigError(answer.message)
-        return float(answer.time)
-
-    def bring_to(self, mode: OperatingMode) -> None:
-        """Go to a mode from wherever the rig is, resetting a FAULT, tightening before LOADING."""
         said = ""
-        seconds = 10.0 + 20.0 / self._speed
 
         def there() -> bool:
             nonlocal said
@@ -272,34 +191,16 @@ class RigWatch:
             if present == mode:
                 return True
             if present == OperatingMode.FAULT:
-                self.call(self._reset, Trigger.Request())
+                self.call("reset")
             elif present != OperatingMode.UNLOADING:
                 loose = mode == OperatingMode.LOADING and present != OperatingMode.PRETIGHTENING
                 step = OperatingMode.PRETIGHTENING if loose else mode
-                said = self.call(self._set_mode, SetMode.Request(mode=int(step))).message
-            time.sleep(0.05)
+                said = self.call("set_mode", mode=int(step)).message
+            time.sleep(ASK_S)
             return False
 
-        try:
-            self.wait(there, f"{mode.name}", seconds)
-        except RigError as error:
-            raise RigError(f"{error}; last answer: {said}") from error
-
-    def run_program(self, path: str, seconds: float = 5.0) -> Any:
-        """Start a load programme; return the goal's handle."""
-        if not self._program.wait_for_server(timeout_sec=seconds):
-            raise RigError(f"no action run_program within {seconds:g} s")
-        goal = RunProgram.Goal(program=path)
-        handle = self._ask(
-            lambda: self._program.send_goal_async(goal), "run_program's acceptance", seconds
-        )
-        if not handle.accepted:
-            raise RigError(f"run_program refused {path}")
-        return handle
-
-    def cancel(self, handle: Any, seconds: float = 10.0) -> None:
-        """Cancel a goal."""
-        self._ask(handle.cancel_goal_async, "the cancellation", seconds)
+        seconds = 10.0 + 20.0 / self._speed if timeout_s is None else timeout_s
+        self.wait(there, lambda: f"{mode.name}; last answer: {said}", seconds, even_in_fault=True)
 
     def demand(self, wrench: FloatArray) -> None:
         """Publish one desired wrench (6,), base axes."""
@@ -309,24 +210,23 @@ class RigWatch:
         force.x, force.y, force.z, torque.x, torque.y, torque.z = map(float, wrench)
         self._desired.publish(message)
 
-    def leave_for(self, mode: OperatingMode) -> None:
-        """Ask once for a mode; RigError if it is refused."""
-        answer = self.call(self._set_mode, SetMode.Request(mode=int(mode)))
-        if not answer.success:
-            raise RigError(answer.message)
+    def measure(self, timeout_s: float = 60.0) -> str:
+        """Measure the first reflector; return why it failed, empty if it did not.
 
-    def measure(self, seconds: float = 60.0) -> str:
-        """Measure reflector 0; return why it failed, empty if it did not."""
-        if not self._measure.wait_for_server(timeout_sec=seconds):
-            raise RigError(f"no action measure_reflector within {seconds:g} s")
-        goal = MeasureReflector.Goal(reflector=0, search=True)
-        handle = self._ask(
-            lambda: self._measure.send_goal_async(goal), "measure_reflector's acceptance", seconds
-        )
-        answer = self._ask(handle.get_result_async, "the measurement", seconds).result
-        return "" if answer.success else str(answer.message)
+        Args:
+            timeout_s: longest wait [s].
+
+        Raises:
+            RigError: if the bridge does not answer.
+        """
+        action = self.start("measure_reflector", accept_s=timeout_s, reflector=0, search=True)
+        try:
+            action.result(timeout_s, even_in_fault=True)
+        except ActionFailedError as error:
+            return str(error.result.message)
+        return ""
 
     def complain(self, report: Report) -> None:
         """Note what was learned in another way than by loop_status."""
         with self._lock:
-            self._reports.append(report)
+            self._complaints.append(report)

@@ -33,6 +33,11 @@ SERVICES: dict[str, Any] = {
     "report_stiffness_test": Trigger,
     "inject_fault": InjectFault,
 }
+ONCE = ("tare", "record", "report_stiffness_test")
+"""Services that take a while, or do something else the second time: no request is repeated because
+no answer has come yet."""
+ASK_AGAIN_S = 1.0
+"""Any other request is sent again when there was no answer for this long [s]."""
 ACTIONS: dict[str, Any] = {
     "run_program": RunProgram,
     "commission_limb": CommissionLimb,

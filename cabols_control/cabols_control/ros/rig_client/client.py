@@ -11,6 +11,7 @@ from typing import Any
 from cabols_msgs.msg import LoopStatus
 
 from cabols_control.result_code import ResultCode
+from cabols_control.ros.rig_client.calls import ASK_AGAIN_S, ONCE
 from cabols_control.ros.rig_client.connection import RigConnection
 from cabols_control.ros.rig_client.errors import (
     AbandonedError,
@@ -30,8 +31,6 @@ STEP_S = 40.0
 """Longest wait for a step of the rig, in its own time [s]."""
 ANSWER_S = 10.0
 """Longest wait for an answer [s]."""
-ASK_AGAIN_S = 1.0
-"""A request without an answer is sent again after so long [s]."""
 RETRY_S = 0.1
 """Between a refusal and the next request [s]."""
 FINAL = (ResultCode.BAD_REQUEST, ResultCode.FAULT_LATCHED)
@@ -140,8 +139,9 @@ class RigClient(RigConnection):
                     even_in_fault=True,
                 )
                 asked.append(self.watched(self.calls.call(service, **fields)))
+                patience = left() if service in ONCE else min(ASK_AGAIN_S, left())
                 with suppress(RigTimeoutError):
-                    self.wait(answered, what, min(ASK_AGAIN_S, left()), even_in_fault=True)
+                    self.wait(answered, what, patience, even_in_fault=True)
             return next(future.result() for future in asked if future.done())
         finally:
             for future in asked:

@@ -29,11 +29,12 @@ class RunningAction:
         """Whether the result has come."""
         return bool(self._future.done())
 
-    def result(self, timeout_s: float = 3600.0) -> Any:
+    def result(self, timeout_s: float = 3600.0, even_in_fault: bool = False) -> Any:
         """Wait for the end.
 
         Args:
             timeout_s: longest wait [s]; after it the goal is cancelled.
+            even_in_fault: do not give up in FAULT.
 
         Returns:
             The action's result, whose `success` is true.
@@ -44,7 +45,8 @@ class RunningAction:
             RigTimeoutError: after `timeout_s`.
         """
         try:
-            self._client.wait(lambda: self.done, f"the end of {self.name}", timeout_s)
+            what = f"the end of {self.name}"
+            self._client.wait(lambda: self.done, what, timeout_s, even_in_fault)
         except BaseException:
             if not self.done:
                 self._client.calls.cancel(self._handle)
