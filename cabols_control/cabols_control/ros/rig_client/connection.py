@@ -14,6 +14,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from cabols_control.ros import transport
+from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.rig_client.calls import RigCalls
@@ -21,6 +22,8 @@ from cabols_control.ros.rig_client.errors import AbandonedError, RigFaultError, 
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.topics import LIVE, NAMESPACE, Quality, topic_row
 
+LEAVE_S = 5.0
+"""Longest wait for an executor that destroys what the client made [s]."""
 FRESH_S = 1.0
 """A sample of a topic at the control rate is newest no longer than this [s]."""
 
@@ -84,16 +87,25 @@ class RigConnection:
 
     def close(self) -> None:
         """Leave the graph."""
+        if self._owned:
+            self._context.try_shutdown()
+            self._thread.join(timeout=5.0)
+            self._destroy()
+            self._node.destroy_node()
+            return
+        # An executor must not wait for what is being destroyed: its own thread does it.
+        gone = hand_over(self._node, self._destroy)
+        give_up = time.monotonic() + LEAVE_S
+        while not gone.done() and time.monotonic() < give_up:
+            time.sleep(self._poll_s)
+
+    def _destroy(self) -> None:
         self.calls.close()
         for reader, *_ in self._readers.values():
             self._node.destroy_subscription(reader.subscription)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._readers, self._subscriptions = {}, []
-        if self._owned:
-            self._context.try_shutdown()
-            self._thread.join(timeout=5.0)
-            self._node.destroy_node()
 
     def abandon(self) -> None:
         """Let whoever waits now, or later, get an AbandonedError; for another thread."""
