@@ -1,4 +1,4 @@
-"""Everything that the control laws need to know of a rig, read from its configuration files."""
+"""Parameters of a rig for the control laws, read from its configuration files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_control.tension import check_method
 
 MOTOR_CURRENT_MAX_A = 3.82
-"""What the source's motors bear (section 3.5); no configured limit may exceed it."""
+"""Largest current of the source's motors (section 3.5) [A]; no configured limit may exceed it."""
 
 
 @config_dataclass(frozen=True, config=STRICT)
@@ -132,7 +132,7 @@ class Rig:
     control: ControlConfig
 
     def __post_init__(self) -> None:
-        """Check that all files speak of the same number of cables."""
+        """Check that all files describe the same number of cables."""
         if len(self.limbs.gain) != self.geometry.cables:
             raise ConfigError(
                 f"limbs: expected {self.geometry.cables} limbs as the geometry has cables, "
@@ -159,7 +159,7 @@ def load_rig(
     limbs: str | Path | None = None,
     control: str | Path | None = None,
 ) -> Rig:
-    """Read what the control laws need of a rig.
+    """Read a rig's parameters for the control laws.
 
     Args:
         rig: name or folder, see find_rig; empty: the reference bench.

@@ -1,4 +1,4 @@
-"""Compile and cache the numerical kernels once, so that no node waits for that at its start."""
+"""Compile and cache the numerical kernels once, so that no node waits for the compiler."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cabols_control.wrench_control.controller import DesiredWrench, WrenchContro
 
 
 def warm_limbs(rig: Rig) -> None:
-    """Compile, or load from the cache, what a limb controller calls for samples as arrays."""
+    """Compile or load a limb controller's kernels for samples as arrays."""
     n = rig.geometry.cables
     flags, length = np.ones(n, dtype=np.bool_), np.full(n, 0.001)
     sample = LimbSample(0.0, length, length, length, flags, flags)
@@ -26,7 +26,7 @@ def warm_limbs(rig: Rig) -> None:
 
 
 def warm_limb_messages(rig: Rig, limbs: list[int], state: Any, answer: Any) -> None:
-    """Compile, or load from the cache, what a limb controller calls from message to message.
+    """Compile or load a limb controller's kernels from message to message.
 
     Args:
         rig: configuration.
@@ -42,7 +42,7 @@ def warm_limb_messages(rig: Rig, limbs: list[int], state: Any, answer: Any) -> N
 
 
 def warm_wrenches(rig: Rig) -> None:
-    """Compile, or load from the cache, what a wrench controller calls."""
+    """Compile or load a wrench controller's kernels."""
     controller = WrenchController(rig)
     for k in range(3):
         setpoint = DesiredWrench(0.001 * k, np.full(6, 1000.0 * k))
@@ -51,7 +51,7 @@ def warm_wrenches(rig: Rig) -> None:
 
 
 def warm_workspace(rig: Rig) -> None:
-    """Compile, or load from the cache, what the command `workspace` calls."""
+    """Compile or load the kernels of the command `workspace`."""
     from cabols_control.workspace.bodies import load_bodies
     from cabols_control.workspace.capacity import capacity_along
     from cabols_control.workspace.interference import clearance_along, free_turn

@@ -1,4 +1,4 @@
-"""What the limb controller does with each limb state: mode, tension command and law to currents."""
+"""The limb controller: from limb state, mode and tension command to currents; pure."""
 
 from __future__ import annotations
 
@@ -211,12 +211,12 @@ class LimbController:
         self._state_dtype, self._answer_dtype = state.dtype, answer.dtype
 
     def _why_no_command(self, stamp_s: float, setpoint: TensionSetpoint | None) -> Fault | None:
-        """Say why the newest command cannot be followed; None if it can."""
+        """Return why the newest command cannot be followed; None if it can."""
         if setpoint is None:
             reason = "no tension_command has arrived: is the wrench controller running?"
             return Fault(FaultName.TENSION_AGE, reason)
         age_s = stamp_s - setpoint.stamp_s
-        # A command from the future is no fresher: a clock was set back.
+        # A stamp in the future does not make a command fresh: a clock was set back.
         if not abs(age_s) <= self._timeout:
             return Fault(
                 FaultName.TENSION_AGE,
@@ -226,11 +226,11 @@ class LimbController:
         return None
 
     def _fail(self, outcome: int, mode: OperatingMode, state: Any) -> None:
-        """Say what made the compiled step let the limbs rest."""
+        """Return why the compiled step lets the limbs rest."""
         if outcome == Outcome.WRONG_LENGTH:
             raise ShapeError(f"setpoint: expected one tension for each of {self.limbs.size} limbs")
         if outcome == Outcome.WRONG_LIMBS:
-            # In STOPPED there is nothing to hold at zero, and no fault stays.
+            # In STOPPED nothing needs to be held at zero, and no fault stays.
             if mode != OperatingMode.STOPPED:
                 reason = (
                     f"limb_state: expected the indices 0 to {self._cables - 1} in order, "
@@ -245,7 +245,7 @@ class LimbController:
             self.trip(Fault(FaultName.NOT_FINITE, reason))
 
     def _watch_excitation(self, excitation: Excitation, mode: OperatingMode, dt_s: float) -> None:
-        """End a programme that may not go on; its limbs then rest."""
+        """End a programme that must not continue; its limbs then rest."""
         if self.fault:
             excitation.abort(self.fault.reason)
         elif excitation.started and mode != OperatingMode.COMMISSIONING:
@@ -254,7 +254,7 @@ class LimbController:
             excitation.abort(f"no limb state for {1e3 * dt_s:.0f} ms")
 
     def _excite(self, stamp_s: float, state: Any) -> None:
-        """Let the programme drive its limb; the others rest, or hold their tension."""
+        """Let the programme drive its limb; the others rest or hold their tension."""
         excitation, task = self.excitation, self._work["tasks"][0, _COMMISSIONING]
         task["programme_place"] = -1
         task["kind_without_zero"] = task["kind_with_zero"] = ControlKind.REST

@@ -37,7 +37,7 @@ def advance_law(limbs: Any, dt_s: float, current_limit: float) -> bool:
         integral = limb["integral"] + increment
         unlimited = gain * integral - limb["velocity_gain"] * velocity
         current = min(max(unlimited, -current_limit), current_limit)
-        # Anti-windup: the integral goes on only as far as the current reaches its limit.
+        # Anti-windup: the integral grows only until the current reaches its limit.
         excess = (unlimited - current) / gain
         if excess * increment > 0.0:
             integral -= excess if abs(excess) < abs(increment) else increment

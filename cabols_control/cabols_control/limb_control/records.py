@@ -1,4 +1,4 @@
-"""What the compiled limb step works on: one record for each limb, one for each mode's task."""
+"""Records of the compiled limb step: one for each limb, one for each mode's task."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class ControlKind(IntEnum):
 
 
 class Outcome(IntEnum):
-    """What became of a step."""
+    """Outcome of a step."""
 
     DONE = 0
     ARRIVED = 1
     """Done; every ramp is at its end, and every tension with a known zero near it."""
     RESTED = 2
     """The mode lets no current flow."""
-    # From here on the limbs rest because something is wrong.
+    # With the following results the limbs rest because of a fault.
     WRONG_LENGTH = 3
     """There is not one setpoint for each limb."""
     WRONG_LIMBS = 4
@@ -90,7 +90,7 @@ TASK = np.dtype(
     ],
     align=True,
 )
-"""What a mode asks of the limbs."""
+"""Task of the limbs in a mode."""
 
 
 def limb_records(gains: Sequence[LimbGains], limbs: Sequence[int] | None = None) -> Any:
@@ -153,7 +153,7 @@ def _work_dtype(limbs: int) -> Any:
 
 
 def limb_control_work(rig: Rig, limbs: Sequence[int]) -> Any:
-    """Build what `step_limbs` works on, at rest.
+    """Build the records of `step_limbs`, at rest.
 
     Args:
         rig: gains and limits.
@@ -172,7 +172,7 @@ def limb_control_work(rig: Rig, limbs: Sequence[int]) -> Any:
 
 @cache
 def sample_dtypes(cables: int, limbs: int) -> tuple[Any, Any]:
-    """Build records that hold what the step reads of a limb state and writes of its answer.
+    """Build the records of the fields that the step reads of a limb state and writes of its answer.
 
     For callers without messages: the fields are those of LimbState and MotorCurrent, by dotted
     name, flags as bytes.

@@ -1,4 +1,4 @@
-"""From limb states to what the law gets: kind of control, reference, position; compiled."""
+"""From limb states to the law's inputs: kind of control, reference, position; compiled."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.limb_control.records import ControlKind
 
 RATE_FILTER_S = 0.012
-"""The pose comes every 4 ms, the cable's length in steps: three of them smooth its rate."""
+"""Time constant of the filter of the cable's rate, three periods of the pose (4 ms each) [s]."""
 
 
 @njit(cache=True)
@@ -25,7 +25,7 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
         dt_s: time since the previous state [s].
     """
     share = dt_s / (RATE_FILTER_S + dt_s)
-    # Each of these costs more than its use: out of the loop.
+    # Reading one of these costs more than its use, so they are read outside the loop.
     wound_lengths, elongations, tensions = (
         state["wound_length"],
         state["elongation"],
@@ -51,7 +51,7 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
             limb["reference"] = limb["setpoint"]
         elif now == ControlKind.TENSION or now == ControlKind.FOLLOW:
             limited = min(max(limb["setpoint"], 0.0), task["tension_limit"])
-            # 0 * x is NaN for what is not finite, and the law refuses that.
+            # 0 * x is NaN for an x that is not finite, which the law refuses.
             error = limited - tensions[i]
             limb["reference"] = limb["tension_gain"] * error + 0.0 * limb["setpoint"]
             elongation = elongations[i]
@@ -71,7 +71,7 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
 
 @njit(cache=True)
 def override_currents(limbs: Any, limit: float) -> None:
-    """Put zero, or the given current within +-limit [A], where the law is not in charge."""
+    """Write zero, or a given current within +-limit [A], where the law does not control."""
     for place in range(limbs.shape[0]):
         limb = limbs[place]
         if limb["kind"] == ControlKind.REST:

@@ -1,7 +1,7 @@
 """The limb controller's step, from message to message in one compiled call, for all modes.
 
-What a step costs at 1 kHz is not its arithmetic: after a millisecond of other processes' work each
-Python operation on an array finds cold caches and takes microseconds.
+Arithmetic is not the cost of a step at 1 kHz: after a millisecond of other processes' work each
+Python operation on an array meets cold caches and takes microseconds.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from cabols_control.limb_control.references import (
 )
 
 LONGEST_STEP_S = 0.010
-"""A longer gap between states makes a derivative worthless: the law is reset without a bump."""
+"""Longest gap between states for a derivative [s]; after a longer one the law resets bumplessly."""
 UNLOADED_WITHIN_N = 3.0
-"""So near the holding tension a limb counts as unloaded: dry friction keeps it off the rest."""
+"""Largest distance from the holding tension of an unloaded limb, left by dry friction [N]."""
 
 
 @njit(cache=True)

@@ -1,1 +1,1 @@
-"""Scheduling of real-time threads, and which kernels are compiled."""
+"""Scheduling of real-time threads, and a count of compiled kernels."""

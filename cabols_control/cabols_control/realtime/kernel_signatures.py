@@ -1,8 +1,8 @@
-"""Which kernels have been compiled, and for how many kinds of arguments.
+"""Count of compiled kernels and their kinds of arguments.
 
-A kernel that meets a new kind (an array that is read-only, say) is compiled on the spot, which
-takes a tenth of a second and more. In a control loop that is a stall: whatever the loop will call
-must have been called before it begins.
+A kernel that gets a new kind of argument (a read-only array, say) is compiled at once, which takes
+a tenth of a second and more. That would stall a control loop: every kernel of the loop must have
+been called before it begins.
 """
 
 from __future__ import annotations

@@ -14,12 +14,12 @@ from pathlib import Path
 
 MCL_CURRENT_AND_FUTURE = 3
 PM_QOS = Path("/dev/cpu_dma_latency")
-"""The kernel keeps what is written here for as long as the file is open."""
+"""File of the latency limit, which the kernel observes as long as the file is open."""
 
 
 @dataclass(frozen=True)
 class Scheduling:
-    """What a control process asks of the kernel.
+    """Scheduling that a control process requests from the kernel.
 
     Attributes:
         fifo_priority: SCHED_FIFO priority of all the process' threads, 1 to 99; 0 leaves them.
@@ -36,7 +36,7 @@ class Scheduling:
 
 
 def apply_scheduling(scheduling: Scheduling, warn: Callable[[str], object]) -> None:
-    """Ask the kernel; where it refuses, warn with what would allow it and go on.
+    """Request the scheduling; after a refusal warn with what would allow it, and continue.
 
     All threads are set, as the middleware's receive threads sit in the way of every sample.
 
@@ -84,7 +84,7 @@ def be_ordinary() -> None:
 
 
 def may_use_fifo() -> bool:
-    """Whether the kernel lets this process use SCHED_FIFO; tried in a thread that then ends."""
+    """Whether the kernel allows this process SCHED_FIFO; tried in a thread that then ends."""
     granted = []
 
     def attempt() -> None:
@@ -125,7 +125,7 @@ def _for_all_threads(
     threads = [int(path.name) for path in Path("/proc/self/task").iterdir()]
     try:
         for tid in threads:
-            # A thread may have ended since.
+            # A thread may have ended meanwhile.
             with suppress(ProcessLookupError):
                 action(tid)
     except OSError as error:

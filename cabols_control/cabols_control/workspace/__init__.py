@@ -1,1 +1,1 @@
-"""Workspace of a cable robot: where it can give the required wrenches without touching itself."""
+"""Workspace of a cable robot: poses with the required wrenches and without interference."""

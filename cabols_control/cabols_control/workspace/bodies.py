@@ -1,4 +1,4 @@
-"""What cables must not touch: platform, target and frame as capsules, from a YAML file."""
+"""Bodies that cables must not touch: platform, target and frame as capsules, from YAML."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Bodies:
 
 
 def load_bodies(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> Bodies:
-    """Read what a rig's cables must not touch.
+    """Read the bodies that a rig's cables must not touch.
 
     Args:
         rig: name or folder, see find_rig; empty: the reference bench.
@@ -90,7 +90,7 @@ def load_bodies(rig: str | Path | RigFolder = "", path: str | Path | None = None
 
 
 class InterferenceTask(NamedTuple):
-    """What the compiled test of a pose needs.
+    """Arguments of the compiled test of a pose.
 
     Attributes:
         base_points: (n, 3) [m].

@@ -28,7 +28,7 @@ from .hyperplanes import (
 from .wrench_set import WrenchSet
 
 CLOSED = 1e-9
-"""Least radius of the closure ball: below, rounding decides."""
+"""Smallest radius of the closure ball that counts; below it rounding decides."""
 
 
 class Capacity(NamedTuple):
@@ -55,12 +55,12 @@ class Capacity(NamedTuple):
 
     @property
     def closed(self) -> BoolArray:
-        """(k,) whether the cables, pulling as hard as it takes, can give every wrench."""
+        """(k,) whether the cables, without upper tension limits, can give every wrench."""
         return self.closure > CLOSED
 
 
 class CapacityTask(NamedTuple):
-    """Everything a compiled loop over poses needs, checked and scaled.
+    """Arguments of a compiled loop over poses, checked and scaled.
 
     Attributes:
         base_points: (n, 3) A_i [m].
@@ -91,7 +91,7 @@ def capacity_task(
     platform_axes: bool = False,
     weights: ArrayLike | None = None,
 ) -> CapacityTask:
-    """Check and scale what `capacity_along` takes.
+    """Check and scale the arguments of `capacity_along`.
 
     Raises:
         ShapeError: if an argument has another shape or is not finite.
@@ -163,7 +163,7 @@ def capacity_loop(
 
 
 def capacity_scratch(task: CapacityTask) -> tuple[FloatArray, FloatArray]:
-    """Return what `capacity_loop` needs as scratch: one flat array, and normals."""
+    """Return the scratch of `capacity_loop`: one flat array, and normals."""
     n = task.base_points.shape[0]
     size = work_size(n) + n * (len(task.points) + len(task.generators) + n) + 12 * n
     return np.zeros(size), np.zeros((comb(n, 5), 6))

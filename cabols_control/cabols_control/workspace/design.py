@@ -60,7 +60,7 @@ UPPER = (0.9, 0.8, 0.8, 0.9, 0.8, 0.8, 0.25, 0.25, 0.2, 0.2, 90.0, 90.0)
 """Bounds: no frame larger than the reference bench's, a platform of at most 0.5 by 0.4 m."""
 _CORNERS_DEG = (45.0, 135.0, 225.0, 315.0)
 _GUIDE = 0.1
-"""Weight of the mean factor in the cost: shows the way where no position is feasible yet."""
+"""Weight of the mean factor in the cost: a guide where no position is feasible yet."""
 
 
 def rig_of(parameters: ArrayLike, pattern: str, reference: RigGeometry) -> RigGeometry:
@@ -99,7 +99,7 @@ def rig_of(parameters: ArrayLike, pattern: str, reference: RigGeometry) -> RigGe
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """What a design is judged by.
+    """Criteria of a design.
 
     Attributes:
         reference: rig whose pose and frames are kept.
@@ -144,7 +144,7 @@ class DesignProblem:
 
 
 def design_bounds() -> list[tuple[float, float]]:
-    """Bounds of the parameters, as scipy's optimisers take them."""
+    """Return the parameters' bounds for scipy's optimisers."""
     return list(zip(LOWER, UPPER, strict=True))
 
 

@@ -1,4 +1,4 @@
-"""Grids of positions and orientations, and what was found on them."""
+"""Grids of positions and orientations, and results on them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .hyperplanes import RESULTS
 from .interference import Clearance, clearance_loop, clearance_work
 
 CHUNK_POSES = 20_000
-"""Poses of one piece of work: a tenth of a second, so that cores end together."""
+"""Poses of one piece of work, about a tenth of a second, so that cores end together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ def pieces_of(grid: PoseGrid) -> list[slice]:
 
 @dataclass(frozen=True, eq=False)
 class WorkspaceMap:
-    """What was found on a grid; arrays are (nx, ny, nz, o).
+    """Results on a grid; arrays are (nx, ny, nz, o).
 
     Attributes:
         grid: where.
@@ -192,7 +192,7 @@ class WorkspaceMap:
 
 
 def assemble(grid: PoseGrid, pieces: list[Piece], free_above: float = 0.0) -> WorkspaceMap:
-    """Put the pieces of a grid, in order, together."""
+    """Join the pieces of a grid in order."""
     shape = (*grid.shape, grid.angles_deg.shape[0])
     capacity = np.concatenate([piece.capacity for piece in pieces]).reshape(*shape, RESULTS)
     clearance = np.concatenate([piece.clearance for piece in pieces]).reshape(*shape, 3)

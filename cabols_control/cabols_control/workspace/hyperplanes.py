@@ -1,4 +1,4 @@
-"""What the cables can give, as hyperplanes: exact tests of a pose, compiled.
+"""The cables' wrenches as hyperplanes: exact tests of a pose, compiled.
 
 The wrenches A t, tension_min <= t <= tension_max, form a zonotope. For a rank-m matrix each of
 its facets is spanned by m - 1 independent columns, so its normals c are found by going through
@@ -43,7 +43,7 @@ RESULTS = 4
 
 @compiled
 def start_result(out: FloatArray) -> None:
-    """Nothing is known yet: everything fits."""
+    """Start without any facet, so that every set fits."""
     out[MARGIN], out[FACTOR], out[CLOSURE], out[LOWEST] = math.inf, math.inf, math.inf, 0.0
 
 

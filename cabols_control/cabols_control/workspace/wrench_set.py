@@ -1,4 +1,4 @@
-"""The wrenches that a rig must be able to give: a required wrench set."""
+"""Required wrench set: the wrenches that a rig must be able to give."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the wrench controller does with each wrench sample: references, law, limits, staleness."""
+"""The wrench controller's processing of a sample: setpoints, law, limits, staleness; pure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cabols_control.wrench_control.tension_setpoint import DesiredTension, Tensi
 
 LONGEST_STEP_S = 0.010
 MAX_BAD_SAMPLES = 5
-"""So many wrench samples in a row may be unusable before the load is given up."""
+"""Most unusable wrench samples in a row before the load is given up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class WrenchController:
         self._work = np.zeros(work_size(n))
         set_method(self._work, n, control.tension_method, control.tension_exponent, share=0.0)
         self._matrix = np.zeros((6, n))
-        # Pose arrays of its own: compiled code differs for those that come read-only.
+        # Own copies of the pose: read-only arrays would need other compiled code.
         self._position, self._rotation = np.zeros(3), np.eye(3)
         self._unload_step = np.repeat(control.unload_rates, 3)
         self._desired_timeout = control.desired_timeout
@@ -180,7 +180,7 @@ class WrenchController:
         led = reference.active
         present = self.tension if self.active and not led else None
         if not reference.step(stamp_s, dt_s, setpoint, present):
-            # The wrench takes over from what the sensor says, as at the start of a load.
+            # The wrench law continues from the sensor's wrench, as at the start of a load.
             self.active = self.active and not led
             return False
         self.tension[:] = reference.tension

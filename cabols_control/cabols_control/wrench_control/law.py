@@ -46,7 +46,7 @@ def wrench_law_into(
         control[k] = proportional * error + accumulated[k]
     status = int(choose_prepared(work, control, tension, residual))
     if status == 1:
-        # Anti-windup: the integral is set back to what the cables can give, so that it leaves
+        # Anti-windup: the integral is reset to what the cables can give, so that it leaves
         # the limit as soon as the error turns.
         for k in range(6):
             accumulated[k] += residual[k]
@@ -57,7 +57,7 @@ class WrenchLaw:
     """State of (3.17) with anti-windup against infeasible wrenches and bumpless start."""
 
     def __init__(self, proportional: float, integral: float, cables: int) -> None:
-        """Start with nothing accumulated.
+        """Start with a zero integral.
 
         Args:
             proportional: k_Po [-].

@@ -1,7 +1,7 @@
 """Tension setpoints in joint space: followed inside limits, ramped down when none arrive any more.
 
-Section 4.3: a wrench may be infeasible, positive tensions never are. So a campaign that only needs
-some proper wrench, and measures it, loads the robot by tensions.
+Section 4.3: a wrench may be infeasible, positive tensions never are. A campaign that needs only a
+suitable wrench, and measures it, therefore loads the robot by tensions.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class TensionReference:
         self.stale = False
 
     def reset(self) -> None:
-        """Forget everything: the next tensions start from rest."""
+        """Drop the setpoints: the next tensions start from rest."""
         self.tension[:] = self._rest
         self.active = self.limited = self.stale = False
 

@@ -92,7 +92,7 @@ def spatial_motion(cable: CableModel = CENTRE) -> FreeMotion:
 
 
 def momentum_imbalance(robot: CableRobot, motion: Trajectory) -> tuple[float, float]:
-    """Largest change of momentum that no force, weight or mass stream explains.
+    """Return the largest change of momentum without a force, weight or mass stream for it.
 
     Newton's forces are integrated over the whole motion by splines through its samples. Wrenches
     on the platform are taken to be zero.

@@ -1,7 +1,7 @@
-"""Vibration of the reference bench along a load programme, and what bandwidth its loops may have.
+"""Vibration of the reference bench along a load programme, and the possible bandwidth of its loops.
 
-Chosen by this project, as nothing of it is published: the platform's radius of gyration, what of
-the robot's wrist moves with the flange, and the modes' damping.
+This project chose these unpublished values: the platform's radius of gyration, the part of the
+robot's wrist that moves with the flange, and the modes' damping.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ DAMPING_RATIO = 0.02
 CABLE_DENSITY = 0.004
 """Of a steel cable of 890 N breaking load, about 1 mm thick [kg/m]."""
 LOOP_DELAY_S = 0.0015
-"""Half a sample of holding the current and one of computing and carrying it."""
+"""Delay of a loop: half a sample for holding the current, one for computing and sending it [s]."""
 
 
 @dataclass(frozen=True, eq=False)

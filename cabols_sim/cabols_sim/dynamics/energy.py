@@ -1,4 +1,4 @@
-"""Energy and what feeds it: the power balance of a robot with a mass stream.
+"""Energy and its sources: the power balance of a robot with a mass stream.
 
 From (2.18) with T quadratic in the velocities, d/dt (T + V) = P_tension + P_wrench + P_stream with
 
@@ -19,7 +19,7 @@ from cabols_sim.dynamics.robot import CableRobot
 
 
 class Power(NamedTuple):
-    """What changes the energy [W].
+    """Powers that change the energy [W].
 
     Attributes:
         tension: of the winches.
@@ -50,7 +50,7 @@ def potential_energy(robot: CableRobot, state: BodyState) -> float:
 
 
 def power(robot: CableRobot, state: BodyState, tension: FloatArray, wrench: FloatArray) -> Power:
-    """Return what feeds T + V.
+    """Return the powers that change T + V.
 
     Args:
         robot: model.

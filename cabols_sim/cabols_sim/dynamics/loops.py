@@ -1,9 +1,9 @@
-"""Open and closed loops of a control design, linear: what it leaves to delay, gain and vibration.
+"""Open and closed loops of a control design, linear: margins of delay, gain and vibration.
 
 The limb law (3.10) is opened at the motor's current, the wrench law (3.17) at the wrench's error.
 With the limbs' loops all alike the wrench loop is the scalar g(s) = T_l (k_Po + k_Io / s) times
-H(s), the (6, 6) response of the vibrating platform from the wrench that the winches ask for to the
-one that the sensor reads; H = 1 on a rigid target. Its characteristic loci are g times H's
+H(s), the (6, 6) response of the vibrating platform from the winches' commanded wrench to the one
+that the sensor reads; H = 1 on a rigid target. Its characteristic loci are g times H's
 eigenvalues, whatever tensions redundancy resolution chooses.
 """
 
@@ -27,7 +27,7 @@ FREQUENCIES = np.geomspace(0.3, 3000.0, 4000)
 
 @dataclass(frozen=True)
 class Margins:
-    """How far a loop is from instability.
+    """Stability margins of a loop.
 
     Attributes:
         gain: by which its gain may grow [-]; inf: any.
@@ -82,7 +82,7 @@ def wrench_loop(
 
 
 def platform_response(model: VibrationModel, s: ComplexArray) -> ComplexArray:
-    """H(s), (k, 6, 6): measured wrench per wrench that the winches ask for, at k frequencies."""
+    """H(s), (k, 6, 6): measured wrench per commanded wrench of the winches, at k frequencies."""
     square = (s * s)[:, None, None]
     damping = s[:, None, None] * model.damping()
     moved = np.linalg.inv(square * model.mass + damping + model.stiffness)

@@ -1,7 +1,7 @@
-"""Momentum of platform and cables by Newton and Euler: what checks the Lagrange equations.
+"""Momentum of platform and cables by Newton and Euler, a check of the Lagrange equations.
 
-Cable material is followed through its acceleration, so nothing here knows of variable-mass
-Lagrange equations. A cable is straight, of variable mass and MATERIAL: at the distance s from A_i
+Cable material is followed through its acceleration, independently of variable-mass Lagrange
+equations. A cable is straight, of variable mass and MATERIAL: at the distance s from A_i
 it moves at l_dot e + s e_dot. Models that move the material otherwise fail these checks.
 """
 
@@ -41,7 +41,7 @@ def momentum_supply(
     tension: FloatArray,
     wrench: FloatArray,
 ) -> FloatArray:
-    """Rate of `momentum`: weight, winches, wrench on the platform, and what the stream carries in.
+    """Rate of `momentum`: weight, winches, wrench on the platform, inflow of the mass stream.
 
     Args:
         robot: model.

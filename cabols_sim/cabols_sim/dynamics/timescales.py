@@ -1,7 +1,7 @@
 """Slow and fast: the control loops and the vibrating platform as a singular perturbation.
 
 The loops' states are slow, the platform's are fast. With the platform always at its equilibrium
-x = K^-1 v (v the wrench that the winches ask for) the slow model remains: it is what the rig's
+x = K^-1 v (v the commanded wrench of the winches) the slow model remains: it is what the rig's
 design assumes. With v standing still the fast model remains: the modes with the motors standing.
 By Tikhonov's theorem both together tell the whole as long as the modes are damped and far above the
 loops; `split` measures how far that is true, `fastest_design` how far the loops may go.

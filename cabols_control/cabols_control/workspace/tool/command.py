@@ -109,7 +109,7 @@ def _grid(options: argparse.Namespace, geometry: RigGeometry) -> PoseGrid:
 
 
 def _solids(found: WorkspaceMap) -> list[tuple[str, Mesh]]:
-    """Meshes of what is closed, feasible, and usable as well, at all orientations."""
+    """Return meshes of the closed, the feasible and the usable region, at all orientations."""
     grid = found.grid
     closed = np.where(found.capacity.closed.all(axis=-1), 1.0, -1.0)
     levels = [

@@ -57,7 +57,7 @@ def optimise(problem: DesignProblem, pool: Workers, options: argparse.Namespace)
     rng = np.random.default_rng(options.seed)
     bounds = np.array(design_bounds())
     start = rng.uniform(bounds[:, 0], bounds[:, 1], (max(options.population, 5), len(bounds)))
-    # Half of them near the bench: a rig drawn from all the bounds hardly ever has a workspace.
+    # Half of them are near the bench: a rig drawn from all the bounds rarely has a workspace.
     near = len(start) // 2
     spread = SPREAD * (bounds[:, 1] - bounds[:, 0])
     start[:near] = np.array(REFERENCE) + spread * rng.standard_normal((near, len(bounds)))
@@ -177,7 +177,7 @@ def _leave(
     reference: Any,
     options: argparse.Namespace,
 ) -> None:
-    """Print and write what was found."""
+    """Print and write the results."""
     print(f"{'':32} feasible      feasible and free")
     for row in rows:
         print(

@@ -117,7 +117,7 @@ def _apply(function: Callable[[Any], Any], items: list[Any]) -> list[Any]:
 
 @contextmanager
 def workers(scheduler: str = LOCAL, count: int | None = None) -> Iterator[Workers]:
-    """Open workers, and close what was started.
+    """Open workers; close them at the end.
 
     Args:
         scheduler: "local": new processes on this machine; "inline": none, this process alone; or
@@ -142,7 +142,7 @@ def workers(scheduler: str = LOCAL, count: int | None = None) -> Iterator[Worker
         number = cores() if count is None else count
         if number < 1:
             raise CabolsError(f"workers: expected at least 1, got {number}")
-        # Loopback only, and no dashboard: nothing here is meant for the network.
+        # Loopback only, and no dashboard: the scheduler must not be reachable from the network.
         cluster = distributed.LocalCluster(
             n_workers=number,
             threads_per_worker=1,
