@@ -55,6 +55,15 @@ def _us(taken: Figures, name: str) -> str:
     return f"{number(taken[f'{name}_median_us'])}, {number(taken[f'{name}_p99_us'])} us"
 
 
+def limb_step(f: Figures) -> Iterable[Row]:
+    """Rows of bench-limb-step."""
+    taken = f["figures"]
+    for key in (name for name in taken if name.endswith("_median_ns")):
+        mode = key.removesuffix("_median_ns")
+        measured = f"{1e-3 * taken[key]:.1f}, {1e-3 * taken[f'{mode}_p99_ns']:.1f} us"
+        yield f"{mode.upper()}: median, p99", measured, "", None
+
+
 def methods(f: Figures) -> Iterable[Row]:
     """Rows of bench-methods."""
     for name, m in ((n, m) for n, m in f.items() if n != "run"):
@@ -227,6 +236,12 @@ def analysis(f: Figures) -> Iterable[Row]:
 
 
 BLOCKS = (
+    Block(
+        "limb_step",
+        "bench/limb_step.json",
+        "`make bench-limb-step`: the limb controller's step, eight limbs, messages included",
+        limb_step,
+    ),
     Block(
         "tension",
         "bench/tension.json",

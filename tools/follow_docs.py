@@ -48,13 +48,18 @@ RULES: tuple[tuple[str, str, str], ...] = (
     (r"\(umask", LEAVE, "writes into the home folder"),
     (r"ros2 run cabols_stiffness run_campaign", LEAVE, "needs a rig that runs"),
     (r"ros2 run cabols_control commission$", LEAVE, "needs a rig that runs"),
+    (r"(ros2 run cabols_control new_rig|ros2 run cabols_sim check_rig) my_rig$", RUN, ""),
+    (r'make demo ARGS="--rig my_rig"$', RUN, ""),
+    (r"make (new-rig|check-rig)$", LEAVE, "needs a name"),
+    (r"make new-rig ARGS=my_rig$", LEAVE, "the same as new_rig, whose folder is there by now"),
     (r".*\b(my_\w+|BAG\w*|FOLDER|campaigns/first|poses\.csv)\b", LEAVE, "names a reader's file"),
     (r"\.venv/bin/python -m grpc_tools", LEAVE, "writes generated sources"),
     (r"ros2 run cabols_control console .*token_file", LEAVE, "needs the token of the line before"),
     (r"ssh ", LEAVE, "needs another machine"),
     (r"make (.* )?(faults|campaign-kills)\b", LEAVE, "takes an hour or more: run it by itself"),
     (r"make bench$", LEAVE, "all of its parts are followed"),
-    (r"make test$", LONG, ""),
+    (r"make (test|test-long|colcon-test)$", LONG, ""),
+    (r"make test-stress$", LEAVE, "runs all tests five times"),
     (r"make bench-|make (design-geometry|dynamics|fast-gains)\b", LONG, ""),
     (r"make PYTHON=", LEAVE, "chooses another Python"),
     (r"make (lock|clean|format)\b", LEAVE, "changes the tree"),
@@ -238,6 +243,7 @@ def fresh_clone(revision: str) -> Path:
         subprocess.run(["git", "clone", "--quiet", str(ROOT), str(CLONE)], check=True)
     subprocess.run(["git", "fetch", "--quiet"], cwd=CLONE, check=True)
     subprocess.run(["git", "checkout", "--quiet", "--detach", revision], cwd=CLONE, check=True)
+    subprocess.run(["git", "clean", "--quiet", "-fd"], cwd=CLONE, check=True)
     return CLONE
 
 

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import platform
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from record import write_figures
 
 from cabols_control.rig import Rig, load_rig
 from cabols_control.ros import topics
@@ -117,8 +117,7 @@ def main() -> None:
         "steps": options.steps,
         "figures": figures,
     }
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    options.output.write_text(json.dumps(result, indent=2) + "\n")
+    write_figures(options.output, result)
 
 
 if __name__ == "__main__":
