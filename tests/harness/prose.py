@@ -113,6 +113,8 @@ class _Scanner(ast.NodeVisitor):
         self.generic_visit(node)
         if not isinstance(node.func, ast.Attribute) or node.func.attr not in LOOKS:
             return
+        if all(_is_blank(part) for part in node.args) and not node.keywords:
+            return  # lines and words are counted or taken apart, not read
         looked_into = [node.func.value]
         if node.func.attr in {"match", "fullmatch", "search", "findall", "finditer", "split"}:
             looked_into += node.args
@@ -123,6 +125,8 @@ class _Scanner(ast.NodeVisitor):
         self.generic_visit(node)
         sides = [node.left, *node.comparators]
         for left, how, right in zip(sides, node.ops, sides[1:], strict=False):
+            if _is_blank(left):
+                continue
             if isinstance(how, COMPARES) and (self.is_prose(left) or self.is_prose(right)):
                 self._add(node)
                 return
@@ -135,6 +139,12 @@ class _Scanner(ast.NodeVisitor):
     def _add(self, node):
         source = ast.unparse(node).partition("\n")[0]
         self.found.append(Finding(node.lineno, self._function, source))
+
+
+def _is_blank(node):
+    """Whether an expression is white space: `"\\n" in text` asks for lines, not for words."""
+    value = node.value if isinstance(node, ast.Constant) else None
+    return isinstance(value, str) and value != "" and value.isspace()
 
 
 def decisions_by_prose(source):

@@ -66,8 +66,9 @@ def check_upload(name: str, content: bytes) -> tuple[str, LoadProgram]:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise UploadError(f"{stem}.csv: expected UTF-8 text ({error.reason})") from error
-    if text.count("\n") > ROWS:
-        raise UploadError(f"{stem}.csv: expected at most {ROWS} lines, got {text.count(chr(10))}")
+    lines = text.count("\n")
+    if lines > ROWS:
+        raise UploadError(f"{stem}.csv: expected at most {ROWS} lines, got {lines}")
     program = parse_csv(text, stem, f"{stem}.csv")
     if not program.duration <= DURATION_S:
         raise UploadError(
