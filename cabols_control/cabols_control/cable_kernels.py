@@ -1,6 +1,6 @@
 """Compiled kernels of the inverse kinematics: structure matrix and cable lengths, unchecked.
 
-Sign convention and equations: `cabols_control.kinematics`, which checks what it is given.
+Sign convention and equations: `cabols_control.kinematics`, which checks its arguments.
 """
 
 from __future__ import annotations

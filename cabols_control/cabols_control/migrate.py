@@ -2,7 +2,7 @@
 
 Names one of 0.1's files or a folder of them. Each is known by its name, or by its keys where it has
 another one. Keys that moved to frames.yaml are taken there; files that are not given are the
-bench's. Writes a new folder, never into one that is there already, and leaves the old files alone.
+bench's. Writes a new folder, never into an existing one, and leaves the old files alone.
 Bags and campaigns of 0.1 open as they are.
 """
 

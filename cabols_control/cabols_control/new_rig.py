@@ -1,6 +1,6 @@
 """Make the folder of a new rig: a copy of the reference bench's, for 7, 8 or 10 cables.
 
-Never writes into a folder that is there already. Edit the files, then look with `check_rig`.
+Never writes into an existing folder. Edit the files, then check them with `check_rig`.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ _CHANGES = {
 
 @command
 def main() -> int:
-    """Make the folder; returns 0, or 2 if it is there already."""
+    """Make the folder; returns 0, or 2 if it exists."""
     parser = CommandParser("new_rig", __doc__)
     parser.add_argument("folder", type=Path, help="that is made; its name is the rig's")
     parser.add_argument("--cables", type=int, default=EIGHT, help="7, 8 or 10 (default: 8)")

@@ -84,7 +84,7 @@ class OutputFolder:
         self._list()
 
     def release(self) -> None:
-        """List what was left, and let others use the folder."""
+        """List the files, and release the folder."""
         self._list()
         if self._lock is not None:
             self._lock.close()
@@ -104,7 +104,7 @@ def claim(path: str | Path, command: str, keep: bool = False, shared: bool = Fal
     Args:
         path: of the folder.
         command: name of the command, for the marker.
-        keep: go on with what earlier runs left there instead of replacing it.
+        keep: continue with the files of earlier runs instead of replacing them.
         shared: do not ask for the folder alone: for a command that runs beside, or inside, the one
             that made it.
 
@@ -138,7 +138,7 @@ def output_folder(
     shared: bool = False,
     say: Callable[[str], object] | None = None,
 ) -> Iterator[OutputFolder]:
-    """Claim a folder and release it; see `claim`. `say` is told what was moved aside."""
+    """Claim a folder and release it; see `claim`. `say` gets a line for what was moved aside."""
     folder = claim(path, command, keep, shared)
     if folder.said:
         (say or _print)(folder.said)

@@ -35,7 +35,7 @@ class Findings:
     """What a check found.
 
     Attributes:
-        read: what the numbers mean, for a person who knows the rig.
+        read: meaning of the numbers, for a person who knows the rig.
         refused: mistakes.
         odd: what may be a mistake.
     """
@@ -125,7 +125,7 @@ def check_limbs(
         stiffness: k_e [N/m].
         gain: (n,) of the limbs [m/s/A].
         lengths: (n,) of the cables at the reference pose [m].
-        tension_max: largest tension that control asks for [N].
+        tension_max: largest tension that control commands [N].
         current_limit: [A].
     """
     stretch, speed = tension_max / stiffness, max(gain) * current_limit

@@ -24,7 +24,7 @@ class RigFile:
     Attributes:
         name: in the folder.
         package: whose schema reads it.
-        holds: what it says of the rig.
+        holds: its content.
         without: what happens where the file is missing; empty: the rig cannot be used without it.
     """
 

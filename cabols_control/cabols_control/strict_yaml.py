@@ -30,7 +30,7 @@ class Document:
 
     Attributes:
         content: values, as Python's.
-        root: YAML's tree of the same, which knows the lines.
+        root: YAML's tree of the same, with line numbers.
     """
 
     content: Any

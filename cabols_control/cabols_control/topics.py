@@ -30,7 +30,7 @@ class Topic:
         quality: of their delivery.
         description: one line: from where, what, unit, frame.
         arrays: fields with one value for each cable.
-        recorded: whether a recorder takes it unless told otherwise.
+        recorded: whether a recorder takes it by default.
         live: whether there is a slow copy of it.
         in_loop: whether the control loop waits for it; a recorder then lets the loop's own readers
             subscribe first.

@@ -148,7 +148,7 @@ class BagWriter:
             qos: with which it is published.
 
         Raises:
-            BagError: if the topic is there already or no definition of the type is found.
+            BagError: if the topic exists or no definition of the type is found.
         """
         name = absolute(topic)
         if name in self._channels:

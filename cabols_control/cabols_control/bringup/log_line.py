@@ -1,4 +1,4 @@
-"""A line of a node's output: how loud it is is read here, so that nobody looks into texts."""
+"""A line of a node's output with its severity, so that no other code reads texts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class LogLine(NamedTuple):
 
     Attributes:
         severity: of its logger; PLAIN if it came from none.
-        words: what it says, for people.
+        words: its text, for people.
     """
 
     severity: int

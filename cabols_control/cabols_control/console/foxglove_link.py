@@ -68,7 +68,7 @@ class FoxgloveLink:
             raise ConfigError(f"foxglove_port: needs the package foxglove-sdk ({error})") from error
         self._rig, self._scene = rig, scene
         self._turns = 0
-        # Kept: without it the server forgets its channels.
+        # Kept: without it the server drops its channels.
         self._context = context = foxglove.Context()
         try:
             self._server = foxglove.start_server(

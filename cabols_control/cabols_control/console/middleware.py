@@ -51,7 +51,7 @@ class AccessMiddleware:
         """Wrap an application.
 
         Args:
-            app: that answers what is let through.
+            app: that answers the accepted requests.
             policy: decides.
             body_bytes: longest body of a request.
         """

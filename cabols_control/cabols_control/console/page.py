@@ -1,4 +1,4 @@
-"""The one page: header, what the rig does, and what an operator can ask of it."""
+"""The only page: header, state of the rig, controls of the operator."""
 
 from __future__ import annotations
 

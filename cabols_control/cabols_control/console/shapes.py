@@ -37,7 +37,7 @@ class Shape:
     """One body, in the base frame.
 
     Attributes:
-        group: what it belongs to: cables, platform, robot, reflectors, frame.
+        group: cables, platform, robot, reflectors, frame.
         kind: CYLINDER, along its own z, or SPHERE.
         position: (3,) of its centre [m].
         quaternion: (4,) x y z w.

@@ -91,7 +91,7 @@ class LoopReport:
 def first_report(
     node: str, state: int, reason: str, now_s: float, fault: FaultName | None = None
 ) -> LoopReport:
-    """Report of a node that has told on /diagnostics only."""
+    """Return the report of a node that has reported on /diagnostics only."""
     none = (math.nan, math.nan)
     return LoopReport(node, state, reason, 0, 0, 0, 0, none, none, now_s, now_s, math.nan, fault)
 
@@ -237,7 +237,7 @@ def campaign_view(
     Args:
         active: it runs, or is paused.
         paused: it rests, or will after the present load.
-        phase: as campaign_status tells it.
+        phase: of campaign_status.
         loads: finished, given up, all.
         place: configuration, reflector and load, from 0.
         remaining_s: estimated; NaN before the first load [s].

@@ -68,7 +68,7 @@ def learn_tables(bag: Path, topics: Sequence[str], progress: Progress) -> dict[s
     Args:
         bag: its folder.
         topics: relative names.
-        progress: is told of each batch.
+        progress: called after each batch.
 
     Raises:
         BagError: if the bag cannot be read.

@@ -13,7 +13,7 @@ METHODS = (PREVIOUS, LINEAR)
 
 
 class TimeBaseError(CabolsError):
-    """Topics cannot be put on the time base that was asked for."""
+    """Topics cannot be converted to the requested time base."""
 
 
 def regular(first_ns: int, last_ns: int, rate_hz: float) -> IntArray:

@@ -38,7 +38,7 @@ class Outcome(IntEnum):
     ARRIVED = 1
     """Done; every ramp is at its end, and every tension with a known zero near it."""
     RESTED = 2
-    """The mode lets no current flow."""
+    """The mode allows no current."""
     # With the following results the limbs rest because of a fault.
     WRONG_LENGTH = 3
     """There is not one setpoint for each limb."""
@@ -63,7 +63,7 @@ LIMB = np.dtype(
         ("changed", np.int64),  # whether that changed with it
         ("cable_length", np.float64),  # between its points, but for a constant [m]
         ("cable_rate", np.float64),  # at which it grows, filtered [m/s]
-        ("ramp", np.float64),  # setpoint on its way to the task's goal [N]; NaN: begin anew
+        ("ramp", np.float64),  # setpoint on its way to the task's goal [N]; NaN: start again
         ("setpoint", np.float64),  # tension [N], speed [m/s] or current [A], as the kind has it
         ("position", np.float64),  # what the law differentiates [m]
         ("reference", np.float64),  # of the law [m/s]

@@ -95,7 +95,7 @@ def set_setpoints(
         limbs: (m,) records of LIMB; updated.
         given: (m,) setpoints of a task without ramps.
         dt_s: time since the previous state [s].
-        anew: whether ramps begin at the present tensions.
+        anew: whether ramps start at the present tensions.
         near: how near the goal a tension counts as there [N].
 
     Returns:

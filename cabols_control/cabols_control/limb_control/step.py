@@ -28,7 +28,7 @@ UNLOADED_WITHIN_N = 3.0
 
 @njit(cache=True)
 def _unfit(state: Any, task: Any, limbs: Any, given: FloatArray) -> int:
-    """Why the task cannot go on with these arguments; DONE if it can."""
+    """Return why the task cannot continue with these arguments; DONE if it can."""
     if given.shape[0] != limbs.shape[0]:
         return Outcome.WRONG_LENGTH.value
     cables, zeroed = state["limb"], state["zeroed"]

@@ -22,7 +22,7 @@ class ProgramCheck:
     Attributes:
         program: what was checked.
         tension: (k, n) least-norm tensions at the programme's points; of the nearest feasible
-            wrench where the asked one is not [N].
+            wrench where the requested one is not [N].
         reached: (k,) bool, the cables give the wrench within their limits.
         rated: (k,) bool, it is within the sensor's range.
         missed: (k,) distance to the nearest feasible wrench, torque counted as force at the

@@ -38,7 +38,7 @@ class RecorderNode(ControlNode):
 
         Raises:
             ConfigError: for an unknown topic.
-            BagError: if the bag cannot be created, or is there already.
+            BagError: if the bag cannot be created, or exists.
         """
         super().__init__("recorder")
         self._given = declare(

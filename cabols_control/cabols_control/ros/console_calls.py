@@ -150,7 +150,7 @@ async def _first(futures: list[Future], seconds: float) -> Any:
     """Await in asyncio the first answer of rclpy's futures.
 
     Raises:
-        asyncio.TimeoutError: if none has come after so many seconds.
+        asyncio.TimeoutError: if none has come within that time.
     """
     loop = asyncio.get_running_loop()
     arrived = asyncio.Event()

@@ -27,7 +27,7 @@ class GuardedThread:
 
     @property
     def running(self) -> bool:
-        """Whether the thread should go on."""
+        """Whether the thread should continue."""
         return not self._stop.is_set() and self._context.ok()
 
     def start(self) -> None:

@@ -147,7 +147,7 @@ class Layout:
         """Return the bytes of a message in this layout: its own, as a rule.
 
         A message from elsewhere may have other strings or the other byte order: it is then
-        deserialised and laid out anew.
+        deserialised and laid out again.
 
         Raises:
             LayoutError: if a sequence has another length, or the bytes are no such message.
@@ -199,7 +199,7 @@ class Record:
         """Copy a template that holds the layout's constants, so that numbers are aligned.
 
         CDR aligns from the end of its 4-byte header: that place is put on a multiple of 8, as
-        compiled code wants arrays.
+        compiled code needs for arrays.
         """
         store = np.zeros(len(template) + 16, dtype=np.uint8)
         start = (4 - store.ctypes.data) % 8

@@ -55,7 +55,7 @@ class Recording:
             on_end: called by each thread at its end, with whether it failed.
 
         Raises:
-            BagError: if the bag cannot be created, or is there already.
+            BagError: if the bag cannot be created, or exists.
         """
         self._node = node
         self._period = period_s

@@ -52,8 +52,8 @@ def report_bag(
 
     Args:
         folder: of the bag.
-        output: HTML file; one that is there already must be such a report.
-        say: told what takes time.
+        output: HTML file; an existing one must be such a report.
+        say: gets a line for each slow step.
 
     Raises:
         BagError: if the bag cannot be read, or has none of the topics.

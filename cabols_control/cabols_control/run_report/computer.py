@@ -148,7 +148,7 @@ def advice(summary: Mapping[str, Any], asked: bool) -> str:
 
     Args:
         summary: with timer_numbers.
-        asked: whether the demo asked the kernel for real-time scheduling.
+        asked: whether the demo requested real-time scheduling from the kernel.
     """
     return ADVICE.format(
         late=summary["timer_late_percent"],

@@ -123,7 +123,7 @@ class Supervision:
     def _zeros(self) -> BoolArray | None:
         """(n,) bool, limbs with a zero that counts; None before the first limb state.
 
-        The bridge forgets the old zeros when the mode reaches it: zeros of another pre-tightening
+        The bridge drops the old zeros when the mode reaches it: zeros of another pre-tightening
         are none of the present one.
         """
         zeroed = self._zeroed

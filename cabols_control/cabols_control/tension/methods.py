@@ -7,7 +7,7 @@ tensions are an interval, with two a polygon; without any there is nothing to ch
 than the minimum norm are made for these: for more, `set_method` refuses.
 
 The method stands in the work array, so that compiled loops take it without another argument. A
-share below 1 stays so much nearer the minimum norm: every mixture of two feasible tensions is
+share below 1 stays nearer the minimum norm in proportion: every mixture of two feasible tensions is
 feasible, so that a controller can fade from one to the other.
 """
 

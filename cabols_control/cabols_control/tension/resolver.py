@@ -42,7 +42,7 @@ _empty = np.empty
 
 
 class TensionResolver:
-    """Redundancy resolution at one pose, for many wrenches; see `distribute` for what it solves.
+    """Redundancy resolution at one pose, for many wrenches; see `distribute` for the problem.
 
     Args:
         A: (6, n) structure matrix, n >= 6, base axes [1; m].

@@ -14,7 +14,7 @@ class TensionSolution(NamedTuple):
         tension: (n,) cable tensions [N], always inside the limits.
         feasible: True if the wrench is reached within the tolerance that `distribute` states.
         residual: (6,) A @ tension - wrench, force [N] then torque [N m].
-        method: name of the method that was asked for.
+        method: name of the requested method.
         iterations: clips, pivots or active sets that the method went through.
     """
 

@@ -151,7 +151,7 @@ class WorkspaceMap:
     Attributes:
         grid: where.
         capacity: margin, factor, closure.
-        clearance: between cables, to the platform, to the target [m]; inf where not asked for.
+        clearance: between cables, to the platform, to the target [m]; inf where not requested.
         free_above: clearance that counts as free of interference [m].
     """
 

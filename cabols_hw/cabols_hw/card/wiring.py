@@ -149,7 +149,7 @@ class Wiring:
 
 
 def _second_card(name: str, wanted: int, available: int) -> str:
-    """What to do where one card has too few channels."""
+    """Return the advice for a card with too few channels."""
     if wanted <= available:
         return ""
     return (

@@ -74,7 +74,7 @@ def tool_weight(mass: float, centre_of_mass: ArrayLike, rotation: ArrayLike) -> 
         (6,) force [N], then torque [N m] about the origin, platform axes.
 
     Raises:
-        ShapeError, OutOfRangeError: if an argument is not what it should be.
+        ShapeError, OutOfRangeError: if an argument is not valid.
     """
     wrench = np.zeros(6)
     tool_weight_into(
@@ -102,7 +102,7 @@ def bias_at(
         (6,) [V].
 
     Raises:
-        ShapeError, OutOfRangeError: if an argument is not what it should be.
+        ShapeError, OutOfRangeError: if an argument is not valid.
     """
     weight = tool_weight(mass, centre_of_mass, rotation)
     per_volt = finite_array("matrix", matrix, (6, 6))

@@ -42,7 +42,7 @@ AIM_SHARE = 0.1
 
 
 class AbbTrackerBridge(ControlNode):
-    """Publishes the robot's stream, moves the robot, and lets the tracker measure.
+    """Publishes the robot's stream, moves the robot, and commands the tracker.
 
     platform_pose is EGM's Cartesian feedback of the RAPID program's tool, whose frame is the
     platform's; it comes from the encoders and does not contain the joints' deflection.

@@ -1,7 +1,7 @@
 """A bare timer: waits for absolute instants, as the simulated card does, and does nothing else.
 
 Run as a process of its own beside the demo: `python -m cabols_sim.bench.bare_timer --period-ns N
-[--cpu CORE] [--fifo PRIORITY]`. On SIGTERM it prints one line of JSON: what it missed, and when.
+[--cpu CORE] [--fifo PRIORITY]`. On SIGTERM it prints one line of JSON with the missed instants.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ from cabols_sim.devices.robot.robot_config import load_robot_truth
 
 TOOL = "run_campaign"
 COMPLETE = "complete"
-"""File that tells the next call to begin anew."""
+"""Marker file by which the next call starts a new campaign."""
 STALE_S = 10.0
 """Time-out by the computer's clock [s]: in lockstep the rig's time may stand still for long."""
 WITHIN = 0.02

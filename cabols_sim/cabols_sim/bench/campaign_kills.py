@@ -130,7 +130,7 @@ class Killer:
 
 
 def run_trial(campaign: BenchCampaign, victim: str, after: int) -> tuple[int, bool, float]:
-    """Kill, then go on; KeyboardInterrupt after Ctrl-C.
+    """Kill, then continue; KeyboardInterrupt after Ctrl-C.
 
     Returns:
         Loads before, whether they were kept (False, too, if the victim did not end by the kill),

@@ -53,7 +53,7 @@ def real_time_arguments() -> dict[str, int]:
     """Return arguments for the least possible delay between bridge and limb controller.
 
     Each on a core of its own that stays awake, and before other work, as far as the
-    kernel lets this process ask for it (root may; see docs/installing.md).
+    kernel allows it to this process (root may; see docs/installing.md).
     """
     found: dict[str, int] = {}
     cores = sorted(os.sched_getaffinity(0))

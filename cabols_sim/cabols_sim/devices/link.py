@@ -132,7 +132,7 @@ class PlantLink:
             found.append(command)
 
     def send(self) -> None:
-        """Send `truth`, numbered, to all who asked within the last second."""
+        """Send `truth`, numbered, to all devices that requested it within the last second."""
         self.truth["sequence"] += 1
         oldest = time.monotonic() - 10.0 * HELLO_EVERY_S
         for address in [a for a, heard in self._clients.items() if heard < oldest]:

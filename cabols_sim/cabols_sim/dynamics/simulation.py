@@ -83,7 +83,7 @@ def simulate(
 
     Raises:
         OutOfRangeError: if the duration, the samples or the tolerance make no sense.
-        CabolsError: if the integration cannot go on.
+        CabolsError: if the integration cannot continue.
     """
     in_range("duration_s", duration_s, 1e-9, 1e7)
     in_range("samples", samples, 2, 1_000_000)

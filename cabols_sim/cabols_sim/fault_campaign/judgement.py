@@ -25,7 +25,7 @@ class Report:
 
     Attributes:
         stamp_s: on the rig's clock [s].
-        node: who tells.
+        node: that reports.
         reason: what is not well, for people.
         fault: whether it stops the rig.
         name: what is not well, for the table; None where it has no name.
@@ -104,7 +104,7 @@ def judge(kind: str, seed: int, data: TrialData) -> TrialResult:
     """Evaluate a trial.
 
     Safe is the rig from the instant at which its reaction is in force (all motor currents zero, or
-    the bridge unloading by itself, which its fault report tells) and after which no tension exceeds
+    the bridge unloading by itself, as its fault report says) and after which no tension exceeds
     the highest at detection by more than TOLERANCE_N. A report without a fault, as of a desired
     wrench that has stopped coming, has its reaction in force at once: the load is ramped down.
     Where the bridge itself stands still it cannot tell: the card's watchdog has zeroed the outputs

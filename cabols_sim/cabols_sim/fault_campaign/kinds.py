@@ -34,7 +34,7 @@ class Kind:
         fault: the service's name of it, or the process.
         limb: which limb gets it, by tension.
         value: draws its size.
-        demand: (6,) desired wrench from the instant of the fault on [N, N m]; None to go on.
+        demand: (6,) desired wrench from the instant of the fault on [N, N m]; None to continue.
     """
 
     name: str

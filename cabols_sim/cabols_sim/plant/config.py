@@ -95,7 +95,7 @@ class LimbPlantConfig:
 
     @property
     def parameters(self) -> Any:
-        """(n,) records of LIMB_PARAMETERS as the compiled physics wants them."""
+        """(n,) records of LIMB_PARAMETERS for the compiled physics."""
         records = np.zeros(len(self.gain), LIMB_PARAMETERS)
         for name in (
             "gain",

@@ -1,4 +1,4 @@
-"""The source's results, computed anew: tables 3.1, 3.2, 4.2, figures 3.6, 3.8, equation (3.22)."""
+"""The source's results, recomputed: tables 3.1, 3.2, 4.2, figures 3.6, 3.8, equation (3.22)."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def run_all(folder: str | Path) -> dict[str, ReportSection]:
 
 
 def plain(value: Any) -> Any:
-    """Return numbers as JSON knows them: no NaN, no numpy types."""
+    """Return numbers for JSON: without NaN and numpy types."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

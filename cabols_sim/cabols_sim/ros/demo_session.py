@@ -18,15 +18,15 @@ NEEDED = ("supervisor", "plant", "limb_controller", "wrench_controller", "abb_tr
 CALM_S = 2.0
 """Between the nodes' start and the first motion: compiling and discovery stall a small machine."""
 STEP_S = 40.0
-"""Any other step may take so long, at speed 1."""
+"""Longest other step, at speed 1 [s]."""
 ACCEPT_S = 10.0
-"""A goal may be refused so long, at speed 1: every node hears of a mode at its own time."""
+"""Longest time of refusals of a goal, at speed 1 [s]: nodes receive a mode at different times."""
 LEAVE_S = 5.0
 SETTLE_S = 0.7
-"""Between a change of mode and what needs it: every node hears of it at its own time."""
+"""Pause after a change of mode [s]: the nodes receive it at different times."""
 END_S = 1.0
 ENDING_S = 6.0
-"""The graph may take so long to end."""
+"""Longest end of the graph [s]."""
 POLL_S = 0.1
 """Every look at what has arrived takes time from the rig's loops on a small machine."""
 

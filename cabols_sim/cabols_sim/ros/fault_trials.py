@@ -41,7 +41,7 @@ class Trials:
 
         Args:
             watch: sees and commands it.
-            pids: process ids by executable, kept up to date by who starts them again.
+            pids: process ids by executable, kept up to date by the process supervisor.
             speed: of the rig's time in real time's.
             folder: for the load programmes.
         """
@@ -147,7 +147,7 @@ class Trials:
         watch.forget()
 
     def _watch_out(self, kind: Kind, fault_s: float) -> None:
-        """Wait for detection, then a little more; a frozen process goes on in between."""
+        """Wait for detection, then a little more; a frozen process continues in between."""
         watch, began = self._watch, time.monotonic()
         patience = PRETIGHTEN_S if kind.how == "pretighten" else DETECT_S
         give_up = began + patience / self._speed

@@ -101,12 +101,12 @@ class RigWatch(RigClient):
         before, self._before = self._before, OperatingMode(message.mode)
         unasked = before == OperatingMode.LOADING and self._before == OperatingMode.STOPPED
         if before != self._before and (self._before == OperatingMode.FAULT or unasked):
-            # STOPPED out of LOADING: a supervisor that has begun anew, and stops the rig.
+            # STOPPED out of LOADING: a supervisor was restarted and stops the rig.
             name = fault_name(message.fault, True)
             self.complain(Report(self.now_s, "supervisor", message.reason, True, name))
 
     def forget(self) -> None:
-        """Forget what was seen so far, but the newest."""
+        """Drop all data but the newest."""
         with self._lock:
             self._states, self._wrenches = self._states[-1:], self._wrenches[-1:]
             self._complaints = []

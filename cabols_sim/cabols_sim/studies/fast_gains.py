@@ -43,7 +43,7 @@ RISE_MAX_S, OVERSHOOT_MAX_PERCENT, CURRENT_MAX_A = 0.12, 5.0, 3.0
 SPREAD = 0.1
 """Plants are drawn whose gains and time constants differ by up to this share."""
 SEARCH_RISE_S = 0.114
-"""What --search asks of the slowest step: 0.12 s with something to spare."""
+"""Requirement of --search for the slowest step: 0.12 s with a margin."""
 ROWS = (
     ("rise time 10-90 %, median", "rise_time_s", "s", 3, RISE_MAX_S),
     ("rise time, slowest step", "rise_time_max_s", "s", 3, RISE_MAX_S),
@@ -110,7 +110,7 @@ def _prove(arguments: argparse.Namespace) -> int:
 
 
 def search_design(rig: Rig, name: str = BENCH) -> None:
-    """Search poles and zero anew on the programme `steps`, and print what comes out.
+    """Search poles and zero again on the programme `steps`, and print the result.
 
     Args:
         rig: whose control design is searched for.

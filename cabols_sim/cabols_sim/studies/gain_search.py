@@ -89,7 +89,7 @@ def search(
         rise_max_s: [s].
         generations: of 40 designs each.
         seed: of the evolution.
-        progress: told after every generation.
+        progress: called after every generation.
 
     Returns:
         Poles and zero [1/s], and the judgement.

@@ -69,7 +69,7 @@ def read_source(
         path: of the campaign's folder or of the bag.
         campaign: campaign.yaml to use; empty: the folder's, or the one that the bag carries.
         geometry: YAML of the rig's geometry; None: the bench's.
-        say: told what is being read.
+        say: gets a line for each bag.
 
     Raises:
         CampaignError, BagError, ConfigError: saying what was expected, what came, what helps.
@@ -112,7 +112,7 @@ def _read(folder: Path, plan: CampaignPlan, geometry: str | Path | None) -> BagL
     if (folder / FILE_NAME).exists():
         return _read_run(folder, plan, geometry)
     with TemporaryDirectory() as scratch:
-        # The folder may still be written to, or be somebody's: it is left as it is.
+        # The folder may belong to others, or still be written to: it is left as it is.
         whole = Path(scratch) / folder.name
         recover(folder, whole)
         return _read_run(whole, plan, geometry)

@@ -2,7 +2,7 @@
 
 It has no clock, topic or file. Its driver carries out each request; an abort is the generator's
 close(), after which the driver unloads. Started with the loads that an earlier run
-has finished, it goes on behind them: with a motion, new zeros and a new unloaded reference, as
+has finished, it continues after them: with a motion, new zeros and a new unloaded reference, as
 everything else may have changed, and through the stops of a way that lead to a pending one, as a
 hysteretic robot remembers them.
 """

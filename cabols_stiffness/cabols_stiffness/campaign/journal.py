@@ -248,7 +248,7 @@ def _write_durably(path: Path, text: str) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Put a folder's entries on the disk, where the file system knows how."""
+    """Put a folder's entries on the disk, where the file system supports it."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

@@ -131,7 +131,7 @@ def fit(
     Samples count as outliers when their squared distance exceeds what all k samples of a normal
     campaign stay below with probability 1 - FALSE_ALARM, in units of a robust scale (so that a
     poor model does not make outliers of good samples). They are looked for from a fit with Huber's
-    weights, which single gross errors cannot pull far, and judged anew after each refit.
+    weights, which single gross errors cannot pull far, and judged again after each refit.
 
     Args:
         observations: of the robot.

@@ -2,13 +2,13 @@
 
 Which errors are handled how. In the source's regression (4.17) the regressor is the measured
 deflection, so the tracker's noise sits in the matrix and pulls every stiffness down, the more the
-less a joint deflects (attenuation; joint 1 gives way by a few times the noise). Here the measured
+less a joint deflects (attenuation; joint 1 deflects by a few times the noise). Here the measured
 wrench is the regressor and the deflection the response. That is the errors-in-variables model with
 both errors kept: the maximum likelihood over the true wrenches, profiled to first order, weights
 the residual by C_m + G C_w G^T (see observations.py). The first order suffices because the wrench
 is known to about one part in ten thousand; a test compares with the full problem, true wrenches
 and all, solved by scipy. Total least squares on (4.17) would need the ratio of the two noises to
-be the same for all rows; instruments would throw away what the wrench's covariance tells.
+be the same for all rows; instruments would discard the information of the wrench's covariance.
 
 Intervals are Student's t on the compliance with the noise's size taken from the residuals, not
 from the stated covariances alone: they stay honest when tracker or sensor do worse than they say.
@@ -50,7 +50,7 @@ torque there, above which the cubic term is not identified."""
 CONFIDENCE = 0.95
 
 FRICTION_ROUNDS = 6
-"""Of detecting friction and fitting anew."""
+"""Most rounds of detecting friction and fitting again."""
 
 
 def identify(

@@ -10,7 +10,7 @@ from cabols_stiffness.model.robot import RobotModel
 
 
 class OnlineIdentifier:
-    """Takes samples as they come and identifies from all so far.
+    """Takes samples as they arrive and identifies from all so far.
 
     Each estimate starts from the one before, so that one or two Gauss-Newton steps do; the work is
     linear in the number of samples, 0.2 s for five hundred, less than a load takes. Nothing is
@@ -28,7 +28,7 @@ class OnlineIdentifier:
         Args:
             robot: with its tool.
             model: as for identify.
-            accuracy: largest relative standard deviation of a joint's stiffness that is asked for;
+            accuracy: requested largest relative standard deviation of a joint's stiffness;
                 0: none is.
         """
         self.result: StiffnessResult | None = None

@@ -13,7 +13,7 @@ from cabols_stiffness.model.result import StiffnessResult
 
 
 class RunningIdentification:
-    """Identifies anew from everything after every load, starting from the estimate before.
+    """Identifies again from all loads after every load, starting from the estimate before.
 
     The tracker's frame, too, becomes better known with every configuration, so that even old
     samples change a little: the newest estimate is that of an analysis of all loads at once.

@@ -47,7 +47,7 @@ def correct(
 
     The loaded arm is then at `joints`, whose Jacobian is known, so that the balance falls apart
     into one equation for each joint, J(q)^T w = a d^3 + b d, and the command is q - d: exact, no
-    matter how far the robot gives way, and the same for a wrench that turns with the tool.
+    matter how far the robot deflects, and the same for a wrench that turns with the tool.
 
     Args:
         result: an identification, linear or cubic, with all joints identified.

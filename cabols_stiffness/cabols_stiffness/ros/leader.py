@@ -14,7 +14,7 @@ from cabols_control.ros.node import ControlNode
 class TensionLeader:
     """Publishes the tension setpoints, which move to a goal at a limited rate.
 
-    While it is silent the wrench controller lets the tensions down by itself.
+    While it is silent the wrench controller ramps the tensions down by itself.
     """
 
     def __init__(self, node: ControlNode) -> None:

@@ -169,7 +169,7 @@ class Operator:
         return future.result().result, ""
 
     def _accepted(self, client: ActionClient, goal: Any) -> Any:
-        """Send a goal until it is accepted: every node hears of a mode at its own time."""
+        """Send a goal until it is accepted: the nodes receive a mode at different times."""
         until_ns = self._intake.now_ns + round(1e9 * REFUSED_S)
         while True:
             sent = self._sent(lambda: client.send_goal_async(goal))

@@ -55,7 +55,7 @@ class RigCalls:
     """
 
     def __init__(self, node: Node) -> None:
-        """Use a node; whoever owns it lets it spin."""
+        """Use a node; its owner spins it."""
         self._node = node
         self._services: dict[str, Any] = {}
         self._actions: dict[str, ActionClient] = {}

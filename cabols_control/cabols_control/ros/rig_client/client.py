@@ -49,7 +49,7 @@ class RigClient(RigConnection):
             rig.run_program("ramps")
             rig.enter(OperatingMode.STOPPED)
 
-    If the block fails, or is interrupted, while the rig moves, the rig is asked to stop.
+    If the block fails, or is interrupted, while the rig moves, the client requests a stop.
 
     A request is repeated until it is answered, as a server may not be matched yet, or may just have
     been restarted. Methods are for one thread at a time, never the executor's; only `abandon` is
@@ -68,7 +68,7 @@ class RigClient(RigConnection):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave the graph; after an error the rig is asked to stop if this client moved it."""
+        """Leave the graph; after an error, request a stop if this client moved the rig."""
         try:
             if error is not None and self._moved and self.mode in MOVING:
                 with suppress(RigError, AbandonedError):
@@ -163,7 +163,7 @@ class RigClient(RigConnection):
         return answer
 
     def enter(self, mode: OperatingMode, timeout_s: float | None = None) -> None:
-        """Ask for a mode until it is granted, then wait until it is there.
+        """Request a mode until it is granted, then wait until it is reached.
 
         A refusal that lasts, as a node does not run yet or a limb is slack, is raised at the end.
 
@@ -272,7 +272,7 @@ class RigClient(RigConnection):
             self.pause(RETRY_S * self._speed)
 
     def _cancel_late(self, sent: Any) -> None:
-        """Cancel a goal that was accepted when nobody waited for it any more."""
+        """Cancel a goal that was accepted too late, after the wait for it had ended."""
         handle = sent.result()
         if handle is not None and handle.accepted:
             self.calls.cancel(handle)

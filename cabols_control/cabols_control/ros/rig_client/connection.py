@@ -1,4 +1,4 @@
-"""A place in the graph of a running rig: what is heard of it, and waits that end."""
+"""A node in the graph of a running rig: received state, and waits with an end."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FRESH_S = 1.0
 
 
 class RigConnection:
-    """A node in the graph that hears mode and reports, and waits.
+    """A node in the graph that receives mode and reports, and waits.
 
     Attributes:
         calls: services and actions as futures, for what has no method here.
@@ -52,7 +52,7 @@ class RigConnection:
             name: of the client's own node.
             domain: DDS domain of the client's own context; None: ROS_DOMAIN_ID.
             speed: of the rig's time, below 1 in simulated slow motion: waits for the rig stretch.
-            poll_s: between two looks at what no callback tells [s].
+            poll_s: period of checks of what no callback reports [s].
         """
         self._speed = min(speed, 1.0)
         self._poll_s = poll_s
@@ -64,7 +64,7 @@ class RigConnection:
         self._owned = node is None
         self._node = self._own_node(name, domain) if node is None else node
         self.calls = RigCalls(self._node)
-        # Reports come often, and are taken on a look; a mode wakes whoever waits.
+        # Reports come often and are polled; a mode wakes waiting threads.
         self._status = Reader(self._node, "loop_status")
         mode = self._node.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode"))
         self._subscriptions = [self._status.subscription, mode]
@@ -108,7 +108,7 @@ class RigConnection:
         self._readers, self._subscriptions = {}, []
 
     def abandon(self) -> None:
-        """Let whoever waits now, or later, get an AbandonedError; for another thread."""
+        """End every wait, present or later, with an AbandonedError; for another thread."""
         self._abandoned.set()
         self._tell()
 

@@ -9,7 +9,7 @@ from cabols_control.result_code import ResultCode
 
 
 def result_code(number: int) -> ResultCode:
-    """Return a code by its number; one that this version does not know is UNKNOWN.
+    """Return a code by its number; UNKNOWN for a number that this version lacks.
 
     Args:
         number: as in a message.
@@ -18,7 +18,7 @@ def result_code(number: int) -> ResultCode:
 
 
 class RigError(CabolsError):
-    """The rig did not do what was asked."""
+    """The rig did not carry out a request."""
 
 
 class RigTimeoutError(RigError):
@@ -37,7 +37,7 @@ class RefusedError(RigError):
     """A service or an action was refused.
 
     Attributes:
-        request: what was asked for.
+        request: name of the request.
         text: why it was refused, for people.
         code: cabols_control.result_code.ResultCode.
         fault: name of the fault that forbids it; empty if none does.

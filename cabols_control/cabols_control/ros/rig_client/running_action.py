@@ -1,4 +1,4 @@
-"""An action that was started and goes on."""
+"""A running action."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ USER, PASSWORD = "Default User", "robotics"
 
 
 class AbbController:
-    """Everything of the robot that the rig's computer can talk to.
+    """All interfaces of the robot's controller to the rig's computer.
 
     Attributes:
         program: RAPID, motors, operation mode.

@@ -1,4 +1,4 @@
-"""HTTP digest authentication, server side (RFC 7616 with MD5 and qop=auth, as the IRC5 asks)."""
+"""HTTP digest authentication, server side (RFC 7616 with MD5 and qop=auth, as in the IRC5)."""
 
 from __future__ import annotations
 

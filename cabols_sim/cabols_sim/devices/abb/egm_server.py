@@ -56,7 +56,7 @@ class EgmServer:
         self.dropped = 0
 
     def on_truth(self, truth: Any) -> None:
-        """Send one packet, or lose it, or keep it for its delay, as the truth's faults ask.
+        """Send one packet, or lose or delay it, by the truth's faults.
 
         Args:
             truth: DEVICE_TRUTH record.
@@ -76,7 +76,7 @@ class EgmServer:
         self._socket.close()
 
     def _send(self, raw: bytes) -> None:
-        # Nobody there is no error for who only streams.
+        # A missing receiver is no error for a sender of a stream.
         with suppress(OSError):
             self._socket.sendto(raw, self._address)
             self.sent += 1

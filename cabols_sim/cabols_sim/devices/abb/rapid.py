@@ -37,8 +37,8 @@ class Pointer(Enum):
 class RapidProgram:
     """Variables, execution and motors of the controller; every method may be called by any thread.
 
-    As on the controller a start after a stop goes on with the interrupted motion; after
-    reset_pointer() the program begins at main, which forgets an old demand.
+    As on the controller, a start after a stop continues the interrupted motion; after
+    reset_pointer() the program starts at main, which drops an old demand.
     """
 
     def __init__(self, mover: Mover, configurations: int, operation_mode: str = "AUTO") -> None:
@@ -100,7 +100,7 @@ class RapidProgram:
         return tuple(self._variables)
 
     def start(self) -> None:
-        """Start, or go on; RapidError with the motors off."""
+        """Start or continue; RapidError with the motors off."""
         with self._lock:
             if not self.motors_on:
                 raise RapidError("RAPID cannot start: the motors are off")
