@@ -24,6 +24,7 @@ from cabols_control.run_report.computer import (
     timer_numbers,
 )
 from cabols_sim.bench.bare_timer import bare_timers
+from cabols_sim.bench.busiest import busiest
 from graph_harness import next_environment
 
 MS = 1_000_000
@@ -168,6 +169,16 @@ def test_timers_run_while_the_body_does_and_leave_their_records():
     (found,) = timers.records
     assert found.period_ns == 2 * MS
     assert found.end_ns > found.begin_ns
+
+
+def test_a_busy_program_is_named():
+    code = "import time\nend = time.monotonic() + 60\nwhile time.monotonic() < end: pass"
+    with subprocess.Popen([sys.executable, "-c", code]) as burner:
+        try:
+            found = busiest(count=50, over_s=1.0)
+        finally:
+            burner.kill()
+    assert any(name.startswith("python") for name, _ in found)
 
 
 @pytest.mark.ros

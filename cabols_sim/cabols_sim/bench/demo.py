@@ -37,6 +37,7 @@ from cabols_control.run_report.computer import (
     timer_numbers,
 )
 from cabols_sim.bench.bare_timer import Timers, bare_timers
+from cabols_sim.bench.busiest import busiest
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
 
 STALL_NS = 50_000_000
@@ -261,6 +262,9 @@ def _report(arguments: argparse.Namespace, bag: Path, timers: Timers, asked: boo
     print(table(summary))
     if busy:
         print(advice(summary, asked))
+        others = ", ".join(f"{name} ({load:.0f} %)" for name, load in busiest())
+        if others:
+            print(f"Busy beside the demo right now, percent of a core: {others}")
     (output / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     print("figures, reproductions of the source's results, report", flush=True)
     write_figures(run, output, summary)
