@@ -1,0 +1,135 @@
+"""The real nodes: strangers on the rig's topics, kills while the robot moves, Ctrl-C under load.
+
+Sources: ros2_control (a command interface is claimed once), SROS2, the UR driver's
+robot_receive_timeout. Each takes a graph of its own.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+
+import numpy as np
+import pytest
+from cabols_msgs.action import MoveToConfiguration
+from cabols_msgs.msg import Mode
+from cabols_msgs.srv import SetMode
+from rclpy.action import ActionClient
+
+from cabols_control.bringup.processes import executable_path
+from cases import fails_today
+from graph_harness import run_scenario
+
+pytestmark = [pytest.mark.ros, pytest.mark.long, pytest.mark.timeout(240)]
+
+WATCHED = ("mode", "limb_state", "motor_current", "loop_status", "wrench")
+LOADED = {"auto_start": True, "program": "ramps", "speed": 0.2}
+BOUND_N = 150.0
+
+
+def loading(watcher):
+    watcher.wait(lambda: Mode.LOADING in watcher.modes(), "LOADING")
+    watcher.wait(lambda: max(watcher.seen["limb_state"][-1].tension) > 12.0, "tensions above 12 N")
+
+
+def running(watcher):
+    """Wait until the control path runs, so that nothing is missing but a mode."""
+    wanted = {"limb_controller", "wrench_controller", "plant"}
+    watcher.wait(
+        lambda: {m.node for m in watcher.seen["loop_status"] if m.state == 1} >= wanted,
+        "the control path",
+    )
+
+
+def more_states(watcher, count):
+    """Wait for so many more limb states, milliseconds of the rig's time."""
+    seen = len(watcher.seen["limb_state"])
+    watcher.wait(lambda: len(watcher.seen["limb_state"]) > seen + count, "limb states")
+
+
+@fails_today(13, "plant and both controllers end")
+def test_mode_that_does_not_exist_ends_no_node():
+    def scenario(watcher, pids):
+        running(watcher)
+        publisher = watcher.publisher("mode")
+        for _ in range(20):
+            publisher.publish(Mode(mode=99, reason="hello"))
+            more_states(watcher, 20)
+
+    try:
+        ended, _, _ = run_scenario({}, scenario, WATCHED)
+    except AssertionError as error:
+        raise AssertionError("the graph has ended") from error
+    assert ended.first == ""
+
+
+@fails_today(13, "motors move by a stranger's mode")
+def test_strangers_mode_moves_no_motor():
+    def scenario(watcher, pids):
+        running(watcher)
+        publisher = watcher.publisher("mode")
+        for _ in range(200):
+            newest = watcher.seen["limb_state"][-1].header
+            publisher.publish(Mode(header=newest, mode=Mode.PRETIGHTENING, reason="stranger"))
+            more_states(watcher, 5)
+
+    _, _, watcher = run_scenario({"speed": 0.5}, scenario, WATCHED)
+    current = max(np.abs(m.current).max() for m in watcher.seen["motor_current"])
+    assert current == 0.0
+
+
+@fails_today(13, "currents go on and off, and nothing says that there are two")
+def test_second_supervisor_changes_no_mode():
+    modes = []
+
+    def scenario(watcher, pids):
+        loading(watcher)
+        since = len(watcher.modes())
+        second = subprocess.Popen(
+            [str(executable_path("cabols_control", "supervisor"))],
+            env={**os.environ, "ROS_DOMAIN_ID": str(watcher.context.get_domain_id())},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            more_states(watcher, 1500)
+        finally:
+            second.kill()
+            second.wait()
+        modes.extend(watcher.modes()[since:])
+
+    run_scenario({**LOADED, "program": "multi_axis"}, scenario, WATCHED)
+    assert set(modes) <= {Mode.LOADING}
+
+
+@fails_today(13, "the robot goes on; the cables are struts")
+def test_robot_stops_when_its_bridge_is_killed_on_the_way():
+    def scenario(watcher, pids):
+        running(watcher)
+        request = SetMode.Request(mode=Mode.FREE_MOVING)
+        watcher.wait(
+            lambda: watcher.call(SetMode, "set_mode", request).success, "FREE_MOVING granted"
+        )
+        watcher.wait(lambda: watcher.modes()[-1:] == [Mode.FREE_MOVING], "FREE_MOVING")
+        more_states(watcher, 500)
+        client = ActionClient(watcher.node, MoveToConfiguration, "move_to_configuration")
+        watcher.wait(client.server_is_ready, "the robot")
+        sent = client.send_goal_async(MoveToConfiguration.Goal(index=2))
+        watcher.wait(sent.done, "the motion")
+        more_states(watcher, 1200)
+        os.kill(pids["abb_tracker_bridge"], signal.SIGKILL)
+        more_states(watcher, 5000)
+
+    values = {"robot": True, "watchdog": 0.1, "command_timeout": 0.1, "stale_after": 0.2}
+    _, _, watcher = run_scenario(values, scenario, WATCHED, keep_going=True)
+    assert max(max(m.tension) for m in watcher.seen["limb_state"]) <= BOUND_N
+
+
+@fails_today(13, "98 N stay on the gears, without unloading")
+def test_ctrl_c_under_load_leads_through_unloading():
+    def scenario(watcher, pids):
+        loading(watcher)
+
+    _, _, watcher = run_scenario(LOADED, scenario, WATCHED)
+    assert max(watcher.seen["limb_state"][-1].tension) < 10.0
