@@ -257,7 +257,7 @@ def test_current_at_its_limit_for_long(loaded):
     bridge, guard = loaded.bridge, loaded.guard
     limb = limb_of(loaded, LOW)
     # The motor is blocked, so that only the rule about time at the limit can act first.
-    guard.safety._limb_limits[6] = 100.0
+    guard.safety._limb_limits["motion_current"] = 100.0
     loaded.plant.inject("motor_jam", limb)
     loaded.controllers_alive = False
     current = np.zeros(8)

@@ -80,7 +80,6 @@ class LimbController:
 
     Attributes:
         limbs: (m,) indices of the limbs it drives.
-        current: (m,) newest output [A].
         fault: why the output is held at zero; None while all is well.
         unloaded: in UNLOADING, whether every zeroed limb is at the holding tension, within 3 N.
         excitation: commissioning programme that is waiting, running or over; None: none.
@@ -105,13 +104,11 @@ class LimbController:
         self._timeout = command_timeout or rig.control.command_timeout
         self._hold = np.full(len(chosen), rig.holding_tension)
         self._work = limb_control_work(rig, chosen)
-        self._records = self._work["limbs"][0]
         state, answer = sample_dtypes(n, len(chosen))
         self._plain_state, self._plain_answer = np.zeros(1, state), np.zeros(1, answer)
         self._plain_state["limb"] = np.arange(n)
         self._state_dtype = self._answer_dtype = None
         self._last_stamp = -np.inf
-        self.current: FloatArray = self._records["current"]
         self.fault: Fault | None = None
         self.unloaded = False
         self.excitation: Excitation | None = None
@@ -121,9 +118,15 @@ class LimbController:
         self.fault = self.fault or fault
 
     @property
+    def current(self) -> FloatArray:
+        """(m,) newest output [A]."""
+        current: FloatArray = self._work["limbs"]["current"][0]
+        return current
+
+    @property
     def saturated(self) -> BoolArray:
         """(n,) bool, true where the current limit cuts the law's output."""
-        law_current: FloatArray = self._records["law_current"]
+        law_current: FloatArray = self._work["limbs"]["law_current"][0]
         return np.abs(law_current) >= self._current_limit
 
     def step(

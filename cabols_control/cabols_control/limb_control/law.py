@@ -62,12 +62,7 @@ def reset_law(limb: Any, position: float, current: float) -> None:
 
 
 class LimbLaw:
-    """State of (3.10) for n limbs, with current limit, anti-windup and bumpless reset.
-
-    Attributes:
-        tension_gain: (n,) k_P2 [m/s/N].
-        current: (n,) newest output [A].
-    """
+    """State of (3.10) for n limbs, with current limit, anti-windup and bumpless reset."""
 
     def __init__(self, gains: Sequence[LimbGains], current_limit: float) -> None:
         """Start at rest with zero current.
@@ -80,13 +75,23 @@ class LimbLaw:
             raise ShapeError("gains: expected at least one limb, got none")
         self._records = limb_records(gains)
         self._limit = in_range("current_limit", current_limit, 0.0, 100.0)
-        self.tension_gain: FloatArray = self._records["tension_gain"]
-        self.current: FloatArray = self._records["law_current"]
+
+    @property
+    def tension_gain(self) -> FloatArray:
+        """(n,) k_P2 [m/s/N]."""
+        gain: FloatArray = self._records["tension_gain"]
+        return gain
+
+    @property
+    def current(self) -> FloatArray:
+        """(n,) newest output [A]."""
+        current: FloatArray = self._records["law_current"]
+        return current
 
     @property
     def limbs(self) -> int:
         """Number n of limbs."""
-        return int(self.current.size)
+        return int(self._records.size)
 
     def reset(self, limb: int, position: float, current: float = 0.0) -> None:
         """Make the next output of one limb continue from a current, at rest at a position.

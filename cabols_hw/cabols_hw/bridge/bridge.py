@@ -11,7 +11,13 @@ from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_in
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.rig import Rig
 from cabols_control.supervision.modes import OperatingMode
-from cabols_hw.bridge.scaling import limbs_into, loaded_wrench_into, volts_into
+from cabols_hw.bridge.scaling import (
+    SENSOR_READING,
+    limb_reading_work,
+    limbs_into,
+    loaded_wrench_into,
+    volts_into,
+)
 from cabols_hw.card.config import CardConfig
 from cabols_hw.card.daq import CardSample
 from cabols_hw.force_torque.ati import AXES
@@ -48,25 +54,23 @@ class Bridge:
         n = rig.geometry.cables
         self._rig = rig
         self._card = card
-        self._stiffness = rig.limbs.stiffness
-        self._switch_elongation = rig.limbs.switch_tension / rig.limbs.stiffness
-        self._raw = np.zeros(n, dtype=np.int64)
-        self._counts = np.zeros(n, dtype=np.int64)
+        self._work = limb_reading_work(n)
+        self._work["counts_per_metre"] = card.counts_per_metre
+        self._work["stiffness"] = rig.limbs.stiffness
+        self._work["switch_elongation"] = rig.limbs.switch_tension / rig.limbs.stiffness
         self._started = False
         self._mode = OperatingMode.STOPPED
         self._zeroing = 0
         self._length = np.zeros(n)
-        self._zero = np.full(n, np.nan)
-        self._was_closed: BoolArray = np.ones(n, dtype=np.bool_)
-        self._bias = np.zeros(6)
+        self._sensor = np.zeros(1, SENSOR_READING)
+        self._sensor["matrix"], self._sensor["transform"] = card.ft_matrix, card.sensor_transform
+        self._sensor["limits"], self._sensor["volts_limit"] = card.sensor_limits, SATURATED_VOLTS
         self._bias_sum = np.zeros(6)
         self._bias_count = 0
-        self._transform = card.sensor_transform
         self._to_sensor = np.ascontiguousarray(np.linalg.inv(card.sensor_transform))
         self._centre_of_mass = np.array(card.tool_centre_of_mass)
         self._weight = np.zeros(6)
         self._weight_sum = np.zeros(6)
-        self._tare_weight = np.zeros(6)
         self._limits = card.sensor_limits
         self._gauge = self._axis = -1
         self._volts = np.zeros(n)
@@ -106,6 +110,18 @@ class Bridge:
         self.rotation = rotation
         tool_weight_into(self._card.tool_mass, self._centre_of_mass, rotation, weight)
         self._weight = weight
+
+    @property
+    def _bias(self) -> FloatArray:
+        """(6,) volts at the tare [V]; a view."""
+        bias: FloatArray = self._sensor["bias"][0]
+        return bias
+
+    @property
+    def _tare_weight(self) -> FloatArray:
+        """(6,) tool's weight at the tare, sensor frame [N, N m]; a view."""
+        weight: FloatArray = self._sensor["tare_weight"][0]
+        return weight
 
     @property
     def saturated_gauge(self) -> bool:
@@ -153,7 +169,7 @@ class Bridge:
         if mode != self._mode or zeroing != self._zeroing:
             self._follow(mode, zeroing)
         if not self._started:
-            self._raw[:] = sample.encoders
+            self._work["limbs"]["previous_raw"] = sample.encoders
             self._newest_ns = sample.time_ns
             self._started = True
         else:
@@ -164,16 +180,9 @@ class Bridge:
         np.not_equal(sample.digital, card.switch_active_low, out=self.switch_closed)
         limbs_into(
             sample.encoders,
-            self._raw,
-            self._counts,
-            card.counts_per_metre,
-            self._length,
             self.switch_closed,
-            self._was_closed,
-            mode == OperatingMode.PRETIGHTENING,
-            self._switch_elongation,
-            self._stiffness,
-            self._zero,
+            self._length,
+            self._work,
             self.zeroed,
             self.wound_length,
             self.elongation,
@@ -183,25 +192,17 @@ class Bridge:
         if not self.tared:
             self._average_bias(sample.analog, weight)
         self._gauge, self._axis = loaded_wrench_into(
-            card.ft_matrix,
-            sample.analog,
-            self._bias,
-            self._tare_weight,
-            SATURATED_VOLTS,
-            self._limits,
-            self._transform,
-            weight,
-            self.load,
-            self.wrench,
+            self._sensor, sample.analog, weight, self.load, self.wrench
         )
 
     def _follow(self, mode: OperatingMode, zeroing: int) -> None:
         """Follow another mode; a new pre-tightening drops the zeros of the one before."""
         if mode == OperatingMode.PRETIGHTENING:
-            self._zero[:] = np.nan
+            self._work["limbs"]["zero"] = np.nan
             self.zeroed[:] = False
             self.zeroing[0] = zeroing
         self._mode, self._zeroing = mode, zeroing
+        self._work["sets_zeros"] = mode == OperatingMode.PRETIGHTENING
         self.followed_mode[0] = mode
 
     def _growth_in(self, duration_s: float) -> float:

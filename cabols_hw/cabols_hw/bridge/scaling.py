@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 from numba import njit
 
@@ -11,42 +14,92 @@ from cabols_hw.card.config import ENCODER_MODULUS
 HALF_MODULUS = ENCODER_MODULUS // 2
 
 
+LIMB_READING = np.dtype(
+    [
+        ("previous_raw", np.int64),  # the counter's newest value
+        ("counts", np.int64),  # since the start, unwrapped
+        ("was_closed", np.int64),  # the switch at the sample before
+        ("zero", np.float64),  # stretch that counts as elongation 0 [m]; NaN: unknown
+    ],
+    align=True,
+)
+"""What is remembered of one limb between samples."""
+
+SENSOR_READING = np.dtype(
+    [
+        ("matrix", np.float64, (6, 6)),  # sensor's wrench per volt [N/V, N m/V]
+        ("bias", np.float64, (6,)),  # volts at the tare [V]
+        ("tare_weight", np.float64, (6,)),  # tool's weight at the tare, sensor frame [N, N m]
+        ("volts_limit", np.float64),  # end of the converter [V]
+        ("limits", np.float64, (6,)),  # range of the sensor, sensor frame [N, N m]
+        ("transform", np.float64, (6, 6)),  # from the sensor's to the platform's frame
+    ],
+    align=True,
+)
+"""How volts of the force/torque sensor become a wrench."""
+
+
+@cache
+def _reading_dtype(cables: int) -> Any:
+    """Build the dtype of limb_reading_work for n cables; the same object for the same number."""
+    fields = [
+        ("counts_per_metre", np.float64),
+        ("switch_elongation", np.float64),  # where a switch closes [m]
+        ("stiffness", np.float64),  # k_e [N/m]
+        ("sets_zeros", np.int64),  # whether a switch that closes sets its limb's zero
+        ("limbs", LIMB_READING, (cables,)),
+    ]
+    return np.dtype(fields, align=True)
+
+
+def limb_reading_work(cables: int) -> Any:
+    """Build the (1,) record that `limbs_into` works on: no zeros, switches taken as closed."""
+    work = np.zeros(1, _reading_dtype(cables))
+    work["limbs"]["zero"] = np.nan
+    work["limbs"]["was_closed"] = True
+    return work
+
+
 @njit(cache=True)
 def limbs_into(
     raw: IntArray,
-    previous_raw: IntArray,
-    counts: IntArray,
-    counts_per_metre: float,
-    length: FloatArray,
     closed: BoolArray,
-    was_closed: BoolArray,
-    set_zero: bool,
-    switch_elongation: float,
-    stiffness: float,
-    zero: FloatArray,
+    length: FloatArray,
+    work: Any,
     zeroed: BoolArray,
     wound: FloatArray,
     elongation: FloatArray,
     tension: FloatArray,
 ) -> None:
-    """Counters to wound length, elongation and tension estimate (3.9); all arrays (n,).
+    """Counters to wound length, elongation and tension estimate (3.9).
 
-    Counters have 24 bits: counts grows by their change since previous_raw, which is updated. Where
-    set_zero is True, a switch that closes sets its limb's zero.
+    Args:
+        raw: (n,) 24-bit counters.
+        closed: (n,) switches.
+        length: (n,) of cable between its points [m].
+        work: (1,) record of limb_reading_work; updated. Counts grow by the counters' change; where
+            it sets zeros, a switch that closes sets its limb's.
+        zeroed: (n,) whether the zero is known; updated.
+        wound: (n,) wound length, filled [m].
+        elongation: (n,) filled [m].
+        tension: (n,) estimate, filled [N].
     """
+    own = work[0]
+    limbs, sets_zeros = own["limbs"], own["sets_zeros"]
     for i in range(raw.shape[0]):
-        moved = (raw[i] - previous_raw[i] + HALF_MODULUS) % ENCODER_MODULUS - HALF_MODULUS
-        counts[i] += moved
-        previous_raw[i] = raw[i]
-        wound[i] = counts[i] / counts_per_metre
+        limb = limbs[i]
+        moved = (raw[i] - limb["previous_raw"] + HALF_MODULUS) % ENCODER_MODULUS - HALF_MODULUS
+        limb["counts"] += moved
+        limb["previous_raw"] = raw[i]
+        wound[i] = limb["counts"] / own["counts_per_metre"]
         # Winding in and motion of the platform away stretch a cable.
         stretch = wound[i] + length[i]
-        if set_zero and closed[i] and not was_closed[i] and not zeroed[i]:
-            zero[i] = stretch - switch_elongation
+        if sets_zeros and closed[i] and not limb["was_closed"] and not zeroed[i]:
+            limb["zero"] = stretch - own["switch_elongation"]
             zeroed[i] = True
-        was_closed[i] = closed[i]
-        elongation[i] = stretch - zero[i]
-        tension[i] = stiffness * elongation[i]
+        limb["was_closed"] = closed[i]
+        elongation[i] = stretch - limb["zero"]
+        tension[i] = own["stiffness"] * elongation[i]
 
 
 @njit(cache=True)
@@ -77,27 +130,13 @@ def wrench_into(
 
 @njit(cache=True)
 def loaded_wrench_into(
-    matrix: FloatArray,
-    volts: FloatArray,
-    bias: FloatArray,
-    tare_weight: FloatArray,
-    volts_limit: float,
-    limits: FloatArray,
-    transform: FloatArray,
-    weight: FloatArray,
-    load: FloatArray,
-    wrench: FloatArray,
+    sensor: Any, volts: FloatArray, weight: FloatArray, load: FloatArray, wrench: FloatArray
 ) -> tuple[int, int]:
     """Gauge volts to the wrench on the platform without the tool's weight.
 
     Args:
-        matrix: (6, 6) sensor's wrench per volt.
+        sensor: (1,) record of SENSOR_READING.
         volts: (6,) of the gauges.
-        bias: (6,) volts at the tare.
-        tare_weight: (6,) tool's weight on the sensor at the tare, sensor frame.
-        volts_limit: end of the converter.
-        limits: (6,) range of the sensor, sensor frame.
-        transform: (6, 6) from the sensor's to the platform's frame.
         weight: (6,) tool's weight now, platform frame.
         load: (6,) filled with the whole load of the sensor, sensor frame.
         wrench: (6,) filled with the wrench, platform frame.
@@ -106,6 +145,9 @@ def loaded_wrench_into(
         First gauge at the converter's end and first axis of load beyond its limit, -1 for none;
         one that is not a number counts as beyond.
     """
+    own = sensor[0]
+    matrix, bias, transform = own["matrix"], own["bias"], own["transform"]
+    tare_weight, limits, volts_limit = own["tare_weight"], own["limits"], own["volts_limit"]
     gauge, axis = -1, -1
     for row in range(6):
         if gauge < 0 and not abs(volts[row]) <= volts_limit:

@@ -14,6 +14,7 @@ from cabols_hw.safety import rules
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import AXES, BridgeFault, same_kind
 from cabols_hw.safety.pose import PoseWatch
+from cabols_hw.safety.rules import Rule
 
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
@@ -38,33 +39,20 @@ class SafetyEnvelope:
         """
         n = rig.geometry.cables
         self._config = config
-        self._models = (np.array(rig.limbs.gain), np.array(rig.limbs.time_constant))
+        self._limb_limits = np.zeros(1, rules.LIMB_LIMITS)
+        self._limb_limits["current_limit"] = current_limit
+        for name in set(rules.LIMB_LIMITS.names or ()) - {"current_limit"}:
+            self._limb_limits[name] = getattr(config, name)
+        self._limbs = np.zeros(n, rules.LIMB_WATCH)
+        self._limbs["gain"], self._limbs["time_constant"] = rig.limbs.gain, rig.limbs.time_constant
+        self._limbs["last_speed"] = self._limbs["began"] = np.nan
+        self._wrench_watch = np.zeros(1, rules.WRENCH_WATCH)
+        for name in ("wrench_max", "estimate_force", "estimate_torque", "estimate_time"):
+            self._wrench_watch[name] = getattr(config, name)
         self._wrench_max = np.array(config.wrench_max)
-        self._limb_limits = np.array(
-            [
-                config.encoder_jump,
-                config.tension_max,
-                config.cable_tension,
-                config.cable_time,
-                current_limit,
-                config.current_saturated,
-                config.motion_current,
-                config.motion_time,
-                config.switch_payout,
-            ]
-        )
-        self._estimate_limits = np.array(
-            [config.estimate_force, config.estimate_torque, config.estimate_time]
-        )
-        self._last_wound = np.zeros(n)
-        self._last_speed = np.full(n, np.nan)
-        self._observed = np.zeros(n)
-        self._began = np.full(n, np.nan)
         self._pretightening = False
         self._relief_left_s = 0.0
         self._lowest_force = np.inf
-        self._since = np.zeros((rules.SINCE_ROWS, n))
-        self._since_apart = np.zeros(1)
         self._last_volts = np.full(6, np.nan)
         self._since_flat = np.zeros(6)
         self._last_s = np.nan
@@ -97,13 +85,11 @@ class SafetyEnvelope:
         """Compile what judge() reaches only in some states, for the bridge's own arrays."""
         rules.judge_wrench(
             1e-3,
+            self._wrench_watch.copy(),
             bridge.wrench,
-            self._wrench_max,
             bridge.tension,
             bridge.structure,
             bridge.rotation,
-            self._estimate_limits,
-            np.zeros(1),
         )
 
     def trip(self, fault: BridgeFault) -> None:
@@ -115,11 +101,10 @@ class SafetyEnvelope:
     ) -> BridgeFault | None:
         moving = mode in MOVING
         if not moving or not 0.0 < dt_s <= LONGEST_STEP_S:
-            rules.forget_motion(
-                bridge.wound_length, self._last_wound, self._last_speed, self._observed
-            )
+            rules.forget_motion(bridge.wound_length, self._limbs)
             if not moving:
-                self._since[:] = 0.0
+                for name in ("cable_s", "current_s", "motion_s"):
+                    self._limbs[name] = 0.0
             if moving and dt_s > self._config.state_age:
                 return BridgeFault(
                     FaultName.STATE_AGE,
@@ -159,7 +144,7 @@ class SafetyEnvelope:
         """Store the limbs' positions at the start of PRETIGHTENING."""
         pretightening = mode == OperatingMode.PRETIGHTENING
         if pretightening != self._pretightening:
-            self._began[:] = bridge.wound_length if pretightening else np.nan
+            self._limbs["began"] = bridge.wound_length if pretightening else np.nan
             self._lowest_force = np.inf
             self._pretightening = pretightening
 
@@ -167,43 +152,41 @@ class SafetyEnvelope:
         rule, i = rules.judge_limbs(
             dt_s,
             self._limb_limits,
-            *self._models,
+            self._limbs,
             bridge.wound_length,
             bridge.tension,
             bridge.current,
             bridge.switch_closed,
             bridge.zeroed,
-            self._began,
-            self._last_wound,
-            self._last_speed,
-            self._observed,
-            self._since,
         )
-        if rule == rules.FINE:
+        if rule == Rule.FINE:
             return None
         config, tension = self._config, float(bridge.tension[i])
-        if rule == rules.ENCODER:
+        if rule == Rule.ENCODER:
             return BridgeFault(
-                FaultName.ENCODER, f"{limb_name(i)}: jumped to {self._last_speed[i]:.1f} m/s", i
+                FaultName.ENCODER,
+                f"{limb_name(i)}: jumped to {self._limbs['last_speed'][i]:.1f} m/s",
+                i,
             )
-        if rule == rules.TENSION:
+        if rule == Rule.TENSION:
             return BridgeFault(
                 FaultName.TENSION,
                 f"{limb_name(i)} pulls {tension:.1f} N, {config.tension_max:g} N allowed",
             )
-        if rule == rules.CABLE:
+        if rule == Rule.CABLE:
             return self._cable_or_switch(i, bridge)
-        if rule == rules.SWITCH:
+        if rule == Rule.SWITCH:
             payout = 1e3 * config.switch_payout
             return BridgeFault(
                 FaultName.SWITCH,
                 f"{limb_name(i)}: closed after paying out {payout:.0f} mm: stuck?",
                 i,
             )
-        if rule == rules.CURRENT:
+        if rule == Rule.CURRENT:
+            limit = self._limb_limits["current_limit"][0]
             return BridgeFault(
                 FaultName.CURRENT,
-                f"{limb_name(i)}: at its limit of {self._limb_limits[4]:g} A for "
+                f"{limb_name(i)}: at its limit of {limit:g} A for "
                 f"{1e3 * config.current_saturated:.0f} ms",
                 i,
             )
@@ -240,7 +223,7 @@ class SafetyEnvelope:
             self._config.sensor_flat,
             self._since_flat,
         )
-        if rule == rules.FINE:
+        if rule == Rule.FINE:
             # An axis can be beyond the sensor's range while every gauge is still valid.
             said = bridge.saturation
             return (
@@ -248,12 +231,12 @@ class SafetyEnvelope:
                 if said
                 else None
             )
-        if rule == rules.SENSOR_INVALID:
+        if rule == Rule.SENSOR_INVALID:
             return BridgeFault(
                 FaultName.SENSOR_INVALID, f"force/torque sensor: gauge {gauge} is not a number"
             )
         volts = float(bridge.gauges[gauge])
-        if rule == rules.SENSOR_SATURATED:
+        if rule == Rule.SENSOR_SATURATED:
             return BridgeFault(
                 FaultName.SENSOR_SATURATED,
                 f"force/torque sensor: a gauge is saturated: {gauge} at {volts:.2f} V",
@@ -268,26 +251,24 @@ class SafetyEnvelope:
         if mode == OperatingMode.PRETIGHTENING:
             return self._judge_pretension(bridge)
         if mode not in BY_TENSION or not bridge.zeroed.all():
-            self._since_apart[:] = 0.0
+            self._wrench_watch["apart_s"] = 0.0
             return None
         rule, axis = rules.judge_wrench(
             dt_s,
+            self._wrench_watch,
             bridge.wrench,
-            self._wrench_max,
             bridge.tension,
             bridge.structure,
             bridge.rotation,
-            self._estimate_limits,
-            self._since_apart,
         )
-        if rule == rules.WRENCH:
+        if rule == Rule.WRENCH:
             kind, unit = ("force", "N") if axis < 3 else ("torque", "N m")
             return BridgeFault(
                 FaultName.WRENCH,
                 f"{kind} {AXES[axis % 3]} is {bridge.wrench[axis]:.1f} {unit}, "
                 f"{self._wrench_max[axis]:g} {unit} allowed",
             )
-        if rule == rules.ESTIMATE:
+        if rule == Rule.ESTIMATE:
             return BridgeFault(
                 FaultName.ESTIMATE,
                 "the force/torque sensor and the tension estimates disagree by more than "

@@ -157,9 +157,14 @@ class Plant:
         slack = config.limbs.initial_slack + config.limbs.slack_spread * self._random.random(n)
         self._rest = self._length + slack
         bias = config.sensors.gauge_bias
-        self._bias: FloatArray = self._sensors["bias"][0]
         self._bias[:] = self._random.uniform(-bias, bias, 6) if bias > 0.0 else 0.0
         self._noise = np.zeros(6)
+
+    @property
+    def _bias(self) -> FloatArray:
+        """(6,) bias of the gauges [V]; a view."""
+        bias: FloatArray = self._sensors["bias"][0]
+        return bias
 
     def _place(self) -> None:
         points = (self._geometry.base_points, self._geometry.platform_points)
