@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +9,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.information import BagInformation, bag_information
 from cabols_control.bags.reader import Bag, read_bag
 from cabols_control.errors import UsageError
+from cabols_control.report_page import embedded_picture, render_page
 from cabols_control.rig import Rig, load_rig
 from cabols_control.run_report.bag_parts import PARTS, TOPICS, table
 from cabols_control.run_report.figures import DPI
@@ -79,28 +77,24 @@ def report_bag(
         if part.topic not in bag:
             continue
         say(f"drawing: {part.title}")
-        picture = io.BytesIO()
-        part.draw(bag, rig).savefig(picture, format="png", dpi=DPI)
-        text = base64.b64encode(picture.getvalue()).decode("ascii")
-        parts.append({"title": part.title, "picture": text})
+        picture = embedded_picture(part.draw(bag, rig), DPI)
+        parts.append({"title": part.title, "picture": picture})
     judgement, why = _judgement(bag, rig)
     missing += [why] if why else []
     duration = max(float(np.ptp(s.log_time_ns)) for s in bag.topics.values()) * 1e-9
-    text = (
-        _environment()
-        .get_template("bag_report.html.j2")
-        .render(
-            generator=GENERATOR,
-            title=f"Recording {folder.resolve().name}",
-            subtitle=f"{duration:.1f} s, {total} messages; limits from {source}",
-            missing=missing,
-            checks=judgement,
-            parts=parts,
-            nodes=_nodes(bag),
-            measurements=_measurements(bag),
-            provenance=information.metadata,
-            counts=information.counts,
-        )
+    text = render_page(
+        "cabols_control",
+        "bag_report.html.j2",
+        title=f"Recording {folder.resolve().name}",
+        subtitle=f"{duration:.1f} s, {total} messages; limits from {source}",
+        head=GENERATOR,
+        missing=missing,
+        checks=judgement,
+        parts=parts,
+        nodes=_nodes(bag),
+        measurements=_measurements(bag),
+        provenance=information.metadata,
+        counts=information.counts,
     )
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(text, encoding="utf-8")
@@ -170,13 +164,4 @@ def _measurements(bag: Bag) -> str:
     return (
         f"{len(series)} measurements of reflectors, {int(good.sum())} succeeded; scatter "
         f"{1e6 * float(np.median(rms)):.0f} um (median)."
-    )
-
-
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("cabols_control", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
     )

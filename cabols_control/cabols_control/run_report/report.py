@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,18 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bokeh.embed import components
 from bokeh.models.annotations import Label, Legend, LegendItem
 from bokeh.models.annotations.geometry import Span
 from bokeh.models.formatters import NumeralTickFormatter
 from bokeh.models.ranges import Range1d
 from bokeh.models.tickers import FixedTicker
 from bokeh.plotting import figure
-from bokeh.resources import Resources
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cabols_control.checks import FloatArray
 from cabols_control.naming import limb_name
+from cabols_control.report_page import embed, embedded_picture, render_page
 from cabols_control.run_report.figures import (
     DESIRED,
     DPI,
@@ -75,20 +72,15 @@ def write_report(
         The path.
     """
     plots = _plots(run, summary)
-    script, divs = components([plot for plot, _ in plots], wrap_script=True)
-    environment = Environment(
-        loader=PackageLoader("cabols_control", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
+    script, divs = embed([plot for plot, _ in plots])
     program = run.metadata.get("program") or run.metadata.get("description")
-    text = environment.get_template("report.html.j2").render(
+    text = render_page(
+        "cabols_control",
+        "report.html.j2",
         title=f"Bench run {program or run.name}",
         subtitle=f"{run.name}: {summary['duration_s']:.1f} s of loading, {summary['samples']} "
         f"samples, {run.limbs} cables, {summary['steps']} steps judged",
-        bokeh_js=Resources(mode="inline", components=["bokeh"]).render_js(),
-        bokeh_script=script,
+        script=script,
         checks=checks(summary),
         faults=summary["faults"],
         session=_session(run) if has_session(run) else "",
@@ -111,9 +103,7 @@ def write_report(
 
 def _session(run: BenchRun) -> str:
     """Picture of the session as base64."""
-    picture = io.BytesIO()
-    draw_session(run).savefig(picture, format="png", dpi=DPI)
-    return base64.b64encode(picture.getvalue()).decode("ascii")
+    return embedded_picture(draw_session(run), DPI)
 
 
 def _shown(item: ReportSection) -> dict[str, Any]:

@@ -7,11 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 import yaml
-from bokeh.embed import components
-from bokeh.resources import Resources
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cabols_control.naming import number
+from cabols_control.report_page import embed, render_page
 from cabols_stiffness.analysis.plots import joint_plots, load_plots, validation_plots
 from cabols_stiffness.analysis.source import Source
 from cabols_stiffness.analysis.study import Study
@@ -39,25 +37,20 @@ def write_report(
     """
     joints, loads = joint_plots(study), load_plots(study)
     checked = [] if study.pose_validation is None else validation_plots(study.pose_validation)
-    script, divs = components([*joints, *checked, *loads], wrap_script=True)
-    environment = Environment(
-        loader=PackageLoader("cabols_stiffness", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
+    script, divs = embed([*joints, *checked, *loads])
     header, rows = stiffness_table(study)
     failures = [
         dict(zip(INDICES, map(str, failure[:3]), strict=True), what="failed", reason=failure[3])
         for failure in source.failures
     ]
     where = f"{len(study.loads)} loads at {len(study.by_configuration)} configurations"
-    text = environment.get_template("stiffness.html.j2").render(
+    text = render_page(
+        "cabols_stiffness",
+        "stiffness.html.j2",
         title="Joint stiffness",
         subtitle=f"{study.robot.name}: {where}, {len(study.plan.reflectors)} reflectors; "
         f"{source.rig_s:.0f} s of the rig's time",
-        bokeh_js=Resources(mode="inline", components=["bokeh"]).render_js(),
-        bokeh_script=script,
+        script=script,
         summary=summary(study),
         table={"header": header, "rows": rows},
         joint_plots=divs[: len(joints)],
