@@ -370,8 +370,7 @@ def bench_graph(
 
 
 def _beside_clock(node: NodeSpec) -> NodeSpec:
-    """Set the parameters of nodes outside the control path, for which lockstep does not wait."""
-    # They then run at their own rate instead of answering every sample, as in real time.
+    """Let a node beside the control path run at its own rate, as in real time, in lockstep, too."""
     reads = {"load_program": ("mode",), "supervisor": ("loop_status",)}.get(node.executable)
     if reads is None:
         return node
@@ -395,9 +394,6 @@ def _devices(ports: Ports) -> list[NodeSpec]:
         tracker_address=f"127.0.0.1:{ports.tracker}",
         robot_clock=True,
     )
-    plant = replace(
-        PLANT,
-        reads=(*PLANT.reads, "platform_pose"),
-        writes=tuple(topic for topic in PLANT.writes if topic != "platform_pose"),
-    )
+    writes = tuple(topic for topic in PLANT.writes if topic != "platform_pose")
+    plant = replace(PLANT, reads=(*PLANT.reads, "platform_pose"), writes=writes)
     return [servers, bridge, plant.with_parameters(robot=True, link_port=ports.link)]

@@ -379,24 +379,22 @@ def make_ramp(
         rotation: (3, 3) from platform to base axes.
     """
     column = structure_matrix(rig.geometry, position, rotation)[:, limb]
-    setpoint = min(config.ramp_tension, rig.control.tension_max)
-    peak = largest_ramp(column, rig.control.rated, setpoint)
+    requested = min(config.ramp_tension, rig.control.tension_max)
+    peak = largest_ramp(column, rig.control.rated, requested)
     return RampProgramme(limb, config, rig.control.tension_max, rig.holding_tension, peak)
 
 
-def largest_ramp(
-    column: FloatArray, rated: FloatArray, requested: float, margin: float = 0.9
-) -> float:
+def largest_ramp(column: FloatArray, rated: FloatArray, peak: float, margin: float = 0.9) -> float:
     """Highest tension that the force/torque sensor can measure on one cable.
 
     Args:
         column: (6,) of the structure matrix.
         rated: (6,) range of the sensor [N, N m].
-        requested: tension of the ramp [N].
+        peak: requested tension of the ramp [N].
         margin: share of the range that may be used.
 
     Returns:
-        requested, or less [N].
+        peak, or less [N].
     """
     reach = margin * rated / np.maximum(np.abs(column), 1e-9)
-    return float(min(requested, reach.min()))
+    return float(min(peak, reach.min()))
