@@ -14,7 +14,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from cabols_control.bringup.graph import ONE_BLAS_THREAD
+from cabols_control.bringup.node_spec import ONE_BLAS_THREAD
 from cabols_control.bringup.processes import Ended
 from cabols_control.ros import topics
 from cabols_control.ros.qos import topic_qos

@@ -1,7 +1,9 @@
 """The examples run as a reader would run them, stay short, and print what they promise."""
 
+import os
 import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,10 +12,12 @@ from rosbags.typesys import Stores, get_typestore
 
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.writer import BagWriter
+from graph_harness import run_scenario
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LINES = 40
-NEED_A_GRAPH = {"rig_client.py"}
+SPEED = 0.2
+"""Of the simulated rig that the client drives: a busy machine upsets nothing then."""
 UNITS = re.compile(r"\d (N|N m|m|um|s|l|%|A)\b|\[(N|m|um|mrad|N m/rad)[\],]")
 
 
@@ -115,3 +119,28 @@ def test_bag_to_arrays_reads_what_was_written(bag, monkeypatch, capsys):
     assert "largest force 30.0 N" in text
     assert "tensions 0.5 to 50.0 N" in text
     assert "0.10 s, 100 samples" in text
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_rig_client_drives_the_simulated_rig():
+    printed = []
+
+    def scenario(watcher, _):
+        domain = str(watcher.context.get_domain_id())
+        done = subprocess.run(
+            [sys.executable, str(EXAMPLES / "rig_client.py"), str(SPEED)],
+            env={**os.environ, "ROS_DOMAIN_ID": domain},
+            capture_output=True,
+            text=True,
+            timeout=240,
+            check=False,
+        )
+        printed.append(done.stdout + done.stderr)
+        assert done.returncode == 0, printed[0]
+
+    _, lines, _ = run_scenario({"speed": SPEED}, scenario, watched=("mode",))
+    assert printed, "\n".join(lines[-30:])
+    assert "refused, as the limbs have no zero yet" in printed[0]
+    assert printed[0].endswith("mode: STOPPED\n")

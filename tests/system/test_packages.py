@@ -82,11 +82,12 @@ WITHOUT_KEY = {
 
 
 def sources(package: str) -> list[Path]:
-    """Return a package's Python files, launch files among them, without its setup.py."""
+    """Return a package's Python files, launch files among them, without setup.py and test/."""
+    folder = PACKAGES[package]
     return [
         path
-        for path in sorted(PACKAGES[package].rglob("*.py"))
-        if path != PACKAGES[package] / "setup.py"
+        for path in sorted(folder.rglob("*.py"))
+        if path != folder / "setup.py" and path.relative_to(folder).parts[0] != "test"
     ]
 
 
@@ -241,8 +242,8 @@ def test_packages_import_only_what_the_design_allows(package):
     assert not found
 
 
-def test_nothing_but_tests_and_launch_files_imports_the_simulator():
-    skipped = {"tests", "cabols_sim", "launch"}
+def test_nothing_but_tests_examples_and_launch_files_imports_the_simulator():
+    skipped = {"tests", "examples", "cabols_sim", "launch"}
     found = [
         place(path)
         for path in ROOT.rglob("*.py")

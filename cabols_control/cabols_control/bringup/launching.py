@@ -12,7 +12,8 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from cabols_control.bringup.graph import ARGUMENTS, ONE_BLAS_THREAD, NodeSpec, with_arguments
+from cabols_control.bringup.graph import ARGUMENTS, with_arguments
+from cabols_control.bringup.node_spec import ONE_BLAS_THREAD, NodeSpec
 
 
 def arguments(kind: str) -> list[Any]:

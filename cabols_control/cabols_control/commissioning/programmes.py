@@ -51,8 +51,7 @@ class CommissioningConfig:
     """How a limb is excited.
 
     Attributes:
-        step_current: size of the step [A]; it is applied PAYING OUT (negative), so that it cannot
-            tighten the cable.
+        step_current: size of the step [A], applied PAYING OUT (negative): it cannot tighten.
         step_travel: cable length after which the step ends and the motor coasts [m].
         step_time: longest step [s].
         travel: beyond it the motor is braked [m]; half as much again ends the programme.
@@ -284,8 +283,7 @@ class StepProgramme(Programme):
 class RampProgramme(Programme):
     """Slow ramp of one limb's tension, up and down; the others hold the holding tension.
 
-    All limbs must be pre-tightened. From the holding tension down to 2 N, up to the peak, down to
-    2 N and back. Recorded throughout.
+    All limbs must be pre-tightened. From the holding tension to 2 N, the peak, 2 N and back.
 
     Attributes:
         peak: highest tension [N].

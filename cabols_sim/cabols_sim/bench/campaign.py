@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from cabols_control.bringup.graph import NodeSpec
 from cabols_control.bringup.log_line import read_line
+from cabols_control.bringup.node_spec import NodeSpec
 from cabols_control.bringup.processes import Ended, executable_path
 from cabols_control.command_line import (
     DONE,

@@ -10,13 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cabols_control.bringup.graph import (
-    ONE_BLAS_THREAD,
-    NodeSpec,
-    Ports,
-    bench_graph,
-    with_arguments,
-)
+from cabols_control.bringup.graph import Ports, bench_graph, with_arguments
+from cabols_control.bringup.node_spec import ONE_BLAS_THREAD, NodeSpec
 from cabols_control.bringup.processes import Ended, run
 from cabols_control.realtime.scheduling import may_limit_wake_up, may_use_fifo
 
