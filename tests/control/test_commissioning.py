@@ -208,7 +208,7 @@ def test_travel_and_time_are_guarded(loop, rig):
     loop.controller.excitation = programme
     loop.run(5.0, lambda: programme.phase == "step")
     # The motor runs away.
-    loop.card.plant._state[1, 0] -= 2.0 * CONFIG.travel
+    loop.card.plant._state["motor_position"][1] -= 2.0 * CONFIG.travel
     loop.run(0.01)
     assert "travelled" in programme.fault
     np.testing.assert_array_equal(loop.controller.current, 0.0)
