@@ -111,7 +111,7 @@ def test_subsets_of_limbs_by_several_nodes_come_together(tmp_path):
     np.testing.assert_array_equal(found, [[nan, nan, 3], [1, 2, nan]] * 2)
 
 
-def test_a_bag_of_others_and_a_missing_one_are_told(tmp_path, capsys):
+def test_a_foreign_and_a_missing_bag_are_reported(tmp_path, capsys):
     assert main([str(write(tmp_path / "run", ["/chatter"]))]) == 1
     assert "got /chatter; `export` writes any topics" in capsys.readouterr().err
     assert main([str(tmp_path / "none")]) == 2

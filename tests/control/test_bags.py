@@ -309,7 +309,7 @@ def test_damage_anywhere_never_surprises(tmp_path_factory, store, data):
         "no definition",
     ],
 )
-def test_a_damaged_definition_is_told_by_its_hash(text):
+def test_a_damaged_definition_is_found_by_its_hash(text):
     good = Definitions().get(WRENCH)
     assert verified(good) is good
     assert text != good.text

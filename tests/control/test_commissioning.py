@@ -217,7 +217,7 @@ def test_travel_and_time_are_guarded(loop, rig):
     assert "not done within 1 s" in programme.fault
 
 
-def test_motor_that_does_not_move_is_told(loop, rig):
+def test_motor_that_does_not_move_is_reported(loop, rig):
     loop.card.plant.drive = lambda volts: None
     programme = step_of(rig, 0)
     programme._slow = 0.0
@@ -250,7 +250,7 @@ def test_projection_on_a_cable(rig, random):
     np.testing.assert_allclose(found, tension)
 
 
-def test_ramp_without_wrench_is_told(rig):
+def test_ramp_without_wrench_is_reported(rig):
     geometry = rig.geometry
     pose = (geometry.reference_position, geometry.reference_rotation)
     record = {name: np.arange(1000.0) * 1e-3 for name in ("time", "tension", "elongation")}

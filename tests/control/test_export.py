@@ -235,7 +235,7 @@ def test_a_rate_that_is_no_divisor_keeps_its_pace():
         (["--time-base", "-3"], 1, "expected a rate above 0 Hz"),
     ],
 )
-def test_what_cannot_be_done_is_told(bag, tmp_path, capsys, words, code, problem):
+def test_impossible_requests_are_reported(bag, tmp_path, capsys, words, code, problem):
     output = ["--output", str(tmp_path / "out")]
     assert main([str(bag), "--format", "csv", *output, *words]) == code
     assert problem in capsys.readouterr().err

@@ -41,7 +41,7 @@ def closed_limb(model, stiffness, gains):
     time_constant=st.floats(0.05, 2.0),
     stiffness=st.floats(500.0, 20000.0),
 )
-def test_limb_has_the_poles_asked_for(poles, gain, time_constant, stiffness):
+def test_limb_has_the_requested_poles(poles, gain, time_constant, stiffness):
     model = LimbModel(gain, time_constant)
     gains = limb_gains(model, stiffness, -np.array(poles))
     loop = closed_limb(model, stiffness, gains)

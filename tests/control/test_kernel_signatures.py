@@ -13,7 +13,7 @@ def doubled(values):
     return 2.0 * values
 
 
-def test_a_new_kind_of_argument_is_told():
+def test_a_new_kind_of_argument_is_reported():
     doubled(np.ones(2))
     before = specialisations(__name__)
     doubled(np.zeros(3))

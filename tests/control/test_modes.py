@@ -69,7 +69,7 @@ def test_loading_is_left_through_unloading(wanted):
     assert machine.mode == wanted
 
 
-def test_the_newest_wish_counts_while_unloading():
+def test_the_newest_request_counts_while_unloading():
     machine = reach(PRETIGHTENING, LOADING)
     machine.request(FREE, STANDING)
     machine.request(STOPPED, STANDING)
@@ -304,7 +304,7 @@ def test_clock_that_is_set_back_is_a_fault_and_forgets_reports():
     assert core.mode == LOADING
 
 
-def test_who_has_slept_believes_no_silence():
+def test_silence_proves_nothing_after_a_stall():
     watcher = StarvationWatch(0.06)
     assert not watcher.turn(10.0)
     assert not any(watcher.turn(10.0 + 0.02 * k) for k in range(1, 3))
@@ -372,7 +372,7 @@ def test_pretightening_after_unloading_has_a_number_of_its_own_too():
     assert (machine.mode, machine.entry.zeroing) == (PRETIGHTENING, 2)
 
 
-def test_every_entry_tells_its_cause():
+def test_every_entry_has_its_cause():
     machine = ModeMachine()
     seen = [machine.entry.cause]
 
@@ -393,7 +393,7 @@ def test_every_entry_tells_its_cause():
     assert [cause.name for cause in seen] == [*loaded.split(), *ended.split()]
 
 
-def test_an_emergency_stop_is_told_after_a_fault_and_stays():
+def test_an_emergency_stop_is_reported_after_a_fault_and_stays():
     machine = reach(PRETIGHTENING, LOADING)
     machine.fault(Fault(FaultName.CABLE, "limb 3"), "plant")
     machine.emergency("emergency stop")

@@ -172,7 +172,7 @@ def later(action):
     return thread
 
 
-def test_a_service_that_comes_late_is_asked_all_the_same(fake, client):
+def test_a_service_that_starts_late_is_called_nevertheless(fake, client):
     later(fake.serve)
     client.enter(OperatingMode.FREE_MOVING)
     assert client.mode == OperatingMode.FREE_MOVING
@@ -191,7 +191,7 @@ def test_an_absent_service_is_named(client):
         client.emergency_stop(timeout_s=0.3)
 
 
-def test_a_refusal_that_passes_is_asked_again(fake, client):
+def test_a_temporary_refusal_is_tried_again(fake, client):
     fake.verdicts = [ResultCode.NOT_READY, ResultCode.NOT_ZEROED, ResultCode.PLATFORM_MOVES]
     fake.serve()
     client.enter(OperatingMode.LOADING)

@@ -53,7 +53,7 @@ def test_other_middleware_is_left_alone():
 
 @pytest.mark.ros
 @pytest.mark.parametrize("reach", ["LOCALHOST", "SUBNET"])
-def test_a_plain_tool_hears_a_process_without_shared_memory(reach):
+def test_a_plain_tool_receives_from_a_process_without_shared_memory(reach):
     environment = next_environment()
     watcher = Watcher(int(environment["ROS_DOMAIN_ID"]), ())
     heard: list[str] = []

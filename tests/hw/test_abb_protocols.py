@@ -151,7 +151,7 @@ def test_delayed_packets_come_after_their_delay_and_count_as_late(robot, reader)
     assert reader.counter.lost == 0
 
 
-def test_counter_tells_late_lost_twice_and_out_of_order():
+def test_counter_counts_late_lost_repeated_and_reordered():
     counter = PacketCounter(late_after_s=0.010)
     # Controller's clock is 1000 s ahead: only differences count.
     for sequence, delay in ((0, 0.001), (1, 0.001), (4, 0.002), (3, 0.006), (3, 0.007)):

@@ -315,7 +315,7 @@ def test_identified_tool_predicts_other_orientations(card, random):
         [turned(0, 0, 0), turned(0.001, 0, 0), turned(0, 0.001, 0)],
     ],
 )
-def test_orientations_that_tell_too_little_are_refused(card, rotations):
+def test_orientations_with_too_little_information_are_refused(card, rotations):
     volts = gauge_volts(card.ft_matrix, np.zeros(6), 2.5, np.array([0, 0, 0.1]), rotations)
     with pytest.raises(OrientationsError, match="at least 3"):
         identify_tool(card.ft_matrix, volts.reshape(-1, 6), np.reshape(rotations, (-1, 3, 3)))

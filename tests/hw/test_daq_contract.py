@@ -310,7 +310,7 @@ def test_reader_that_fell_behind_skips_to_the_newest(clocked):
     assert clocked.daq.late == late
 
 
-def test_amplifiers_go_off_and_stay_off_until_they_are_wanted_again(bench):
+def test_amplifiers_go_off_and_stay_off_until_they_are_enabled(bench):
     bench.daq.read()
     bench.daq.write(np.full(N, 1.0))
     assert bench.amplifiers()

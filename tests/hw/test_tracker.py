@@ -346,7 +346,7 @@ def test_truth_that_is_not_finite_breaks_the_beam(client, rig):
     assert not reading.success
 
 
-def test_second_client_is_told_that_the_tracker_is_busy(client, config, rig):
+def test_second_client_gets_busy(client, config, rig):
     assert client.aim(0).success
     readings = []
     rig.step_s = 0.0

@@ -133,7 +133,7 @@ def test_figures_of_the_rig_are_never_the_computers():
     assert [c.quantity for c in failures(bad)] == ["overshoot"]
 
 
-def test_the_table_names_who_missed_and_the_advice_what_to_do():
+def test_the_table_names_the_loop_that_missed_and_the_advice():
     busy = summary(late_cycles_percent=4.0, timer_late_percent=3.9, timer_behind_max_s=0.012)
     text = table(busy)
     assert "this computer" in text

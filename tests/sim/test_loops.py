@@ -222,7 +222,7 @@ def test_rigid_target_has_the_poles_of_the_design(design):
         assert value == pytest.approx(np.polyval(expected, s) ** 6, rel=1e-6)
 
 
-def test_slow_and_fast_models_tell_the_whole_on_a_stiff_target(design, vibration):
+def test_slow_and_fast_models_suffice_on_a_stiff_target(design, vibration):
     stiff, soft = vibration.with_target(100.0), vibration.with_target(0.01)
     args = (design.gains, design.limbs.models[0], design.limbs.stiffness)
     good, poor = split(*args, stiff), split(*args, soft)

@@ -442,7 +442,7 @@ def test_summary_is_json():
     assert json.loads(text)["samples"] == 20500
 
 
-def test_table_tells_what_is_not_met():
+def test_table_shows_what_is_not_met():
     bad = {**whole_summary(), "rise_time_s": 0.4, "faults": {"plant": "a gauge is saturated"}}
     lines = table(bad).splitlines()
     rise = next(line for line in lines if line.startswith("rise time"))

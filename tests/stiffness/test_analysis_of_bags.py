@@ -148,7 +148,7 @@ def test_window_without_its_measurement_is_named(bag, tmp_path):
         read_loads(broken)
 
 
-def test_bag_without_a_campaign_asks_for_one(bag, tmp_path, capsys):
+def test_bag_without_a_campaign_requires_one(bag, tmp_path, capsys):
     foreign = copy(bag, tmp_path / "bag", lambda *m: m)
     with pytest.raises(CampaignError, match="--campaign FILE"):
         read_source(foreign)

@@ -165,7 +165,7 @@ def test_exit_codes_of_errors(error, code, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_options_are_not_abbreviated_and_version_is_told(capsys):
+def test_options_are_not_abbreviated_and_version_is_printed(capsys):
     parser = CommandParser("demo", "A demo.")
     parser.add_argument("--output")
     parser.add_argument("--file", type=existing_file)

@@ -89,7 +89,7 @@ def test_it_prints_something_with_units(name, monkeypatch, capsys):
     assert UNITS.search(run(name, monkeypatch, capsys))
 
 
-def test_distribute_tells_a_feasible_wrench_from_one_that_is_not(monkeypatch, capsys):
+def test_distribute_distinguishes_feasible_wrenches(monkeypatch, capsys):
     text = run("distribute.py", monkeypatch, capsys)
     assert "40 N up and 3 N m about z: feasible True" in text
     assert "400 N up and 3 N m about z: feasible False" in text

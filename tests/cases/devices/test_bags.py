@@ -64,7 +64,7 @@ class TestChannelWithoutDefinition:
         return put(tmp_path / "bag", file(chunk(SCHEMA + CHANNEL + odd + MESSAGES)))
 
     @fails_today(14, "nothing is read, though only the wrench is asked for")
-    def test_what_is_asked_for_is_read(self, bag):
+    def test_requested_topics_are_read(self, bag):
         assert wrenches(bag, ["wrench"]) == COUNT
 
     @fails_today(14, "nothing is saved")
@@ -83,7 +83,7 @@ def test_wrenches_beside_service_events_are_saved(tmp_path):
 
 
 @fails_today(14, "the first definition decodes the messages of the second")
-def test_two_definitions_of_a_type_are_told_apart(tmp_path):
+def test_two_definitions_of_a_type_are_distinguished(tmp_path):
     """foxglove/mcap#374, ros-foxglove-bridge#253: merged, or split across an upgrade."""
     kind, topic = "my_msgs/msg/P", "/cabols/p"
     first = schema(1, kind, "ros2msg", b"float64 x\nfloat64 y\n") + channel(1, 1, topic)

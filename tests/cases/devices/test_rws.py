@@ -65,7 +65,7 @@ class TestStop:
         return controller
 
     @fails_today(14, "the stop is asked once; RAPID runs on")
-    def test_stop_is_asked_again_after_a_dropped_connection(self, stopped):
+    def test_stop_is_repeated_after_a_dropped_connection(self, stopped):
         assert stopped.stops() >= 2
         assert not stopped.running
 
@@ -90,7 +90,7 @@ def test_good_controller_moves(controllers):
     ],
     ids=["503, too many sessions", "500, white list", "404, a server of version 2.0"],
 )
-def test_status_is_told_with_what_to_do(controllers, options, word):
+def test_status_is_reported_with_advice(controllers, options, word):
     error = move(controllers(**options))
     assert isinstance(error, RobotError)
     assert word in str(error)
@@ -101,7 +101,7 @@ def mastership(method, _path, _action):
 
 
 @fails_today(14, "a code without what to do")
-def test_mastership_of_the_pendant_is_told(controllers):
+def test_mastership_of_the_pendant_is_reported(controllers):
     error = move(controllers(fail=mastership))
     assert isinstance(error, RobotError)
     assert "mastership" in str(error)
