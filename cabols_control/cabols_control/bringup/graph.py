@@ -244,7 +244,12 @@ ARGUMENTS = (
 
 
 def with_arguments(nodes: Sequence[NodeSpec], values: dict[str, Any]) -> list[NodeSpec]:
-    """Give each node the arguments that are meant for it and differ from their defaults."""
+    """Give each node the arguments that are meant for it and differ from their defaults.
+
+    Args:
+        nodes: of a graph.
+        values: of arguments, by name.
+    """
     found = []
     for node in nodes:
         meant = {

@@ -46,6 +46,10 @@ class Ended:
 def executable_path(package: str, executable: str) -> Path:
     """Find an executable in the place where `ros2 run` looks: <prefix>/lib/<package>/<executable>.
 
+    Args:
+        package: ROS package.
+        executable: its name there.
+
     Raises:
         ProcessError: if it is in no prefix of AMENT_PREFIX_PATH nor in this interpreter's.
     """

@@ -130,7 +130,13 @@ class LimbLaw:
         return self.current
 
     def advance(self, velocity_reference: FloatArray, position: FloatArray, dt_s: float) -> bool:
-        """Step without checks of shape and time, for the control loop; see advance_law."""
+        """Step without checks of shape and time, for the control loop; see advance_law.
+
+        Args:
+            velocity_reference: (n,) [m/s].
+            position: (n,) elongation [m].
+            dt_s: time since the last step [s].
+        """
         self._records["reference"] = velocity_reference
         self._records["position"] = position
         return bool(advance_law(self._records, dt_s, self._limit))

@@ -68,7 +68,12 @@ def decimate(time: FloatArray, values: FloatArray, points: int) -> tuple[FloatAr
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure that lays itself out; inches."""
+    """Return an empty figure that lays itself out; inches.
+
+    Args:
+        width: [inch].
+        height: [inch].
+    """
     return Figure(figsize=(width, height), layout="constrained")
 
 
@@ -85,7 +90,13 @@ def tidy(axes: Axes, ylabel: str = "", xlabel: str = "") -> None:
 
 
 def limit_line(axes: Axes, value: float, label: str) -> None:
-    """Draw a limit across the axes, named at its left end."""
+    """Draw a limit across the axes, named at its left end.
+
+    Args:
+        axes: to draw in.
+        value: of the limit, in the axes' unit.
+        label: for the legend.
+    """
     axes.axhline(value, color=LIMIT, linestyle="--", linewidth=1.2)
     axes.annotate(
         label,

@@ -47,7 +47,12 @@ class RecordedMotion:
         return float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum())
 
     def within(self, start: float, end: float) -> RecordedMotion:
-        """Return the part from start to end [s]."""
+        """Return the part from start to end [s].
+
+        Args:
+            start: [s].
+            end: [s].
+        """
         pose, joint, measured = (
             _inside(time, start, end)
             for time in (self.pose_time, self.joint_time, self.measured_time)

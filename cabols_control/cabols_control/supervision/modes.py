@@ -177,7 +177,12 @@ class ModeMachine:
         self.entry = Entry(mode, cause, reason, fault, zeroing)
 
     def request(self, requested: int, condition: Condition) -> Verdict:
-        """Go to another mode if that is legal now; `requested` is its number."""
+        """Go to another mode if that is legal now; `requested` is its number.
+
+        Args:
+            requested: number of the mode.
+            condition: of the rig, which decides what is legal.
+        """
         try:
             mode = OperatingMode(requested)
         except ValueError:

@@ -26,7 +26,13 @@ class OperatorWatchdog:
         self.armed = False
 
     def hear(self, now_s: float, attended: bool, operator: str) -> None:
-        """Take one heartbeat; an unattended one counts as none."""
+        """Take one heartbeat; an unattended one counts as none.
+
+        Args:
+            now_s: when it came [s].
+            attended: whether the operator's page has answered lately.
+            operator: name of whoever is in command.
+        """
         if attended:
             self._last_s, self._operator, self.armed = now_s, operator, True
 

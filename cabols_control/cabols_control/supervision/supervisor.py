@@ -230,7 +230,12 @@ class Supervision:
             self._note_entry()
 
     def request(self, requested: int, now_s: float) -> Verdict:
-        """Answer a request for a mode."""
+        """Answer a request for a mode.
+
+        Args:
+            requested: number of the mode.
+            now_s: now, on the clock of the samples [s].
+        """
         before = self.mode
         if requested in MOVING:
             # A node with a fault does not count as running: its fault is the better answer.

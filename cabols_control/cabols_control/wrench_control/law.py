@@ -86,6 +86,12 @@ class WrenchLaw:
 
         A step whose input is not finite leaves the state as it was and returns 2; tension keeps
         its previous value.
+
+        Args:
+            desired: (6,) setpoint of the wrench [N, N m].
+            measured: (6,) in the same axes [N, N m].
+            dt_s: time since the last step [s].
+            work: memory of the tension kernels.
         """
         if not (np.isfinite(desired).all() and np.isfinite(measured).all() and dt_s > 0.0):
             return 2

@@ -160,7 +160,12 @@ class EgmSample:
 
 
 def sample_of(state: Any, received_s: float) -> EgmSample | None:
-    """Convert an EGMRobotState; None if it lacks joints or pose, or they are no numbers."""
+    """Convert an EGMRobotState; None if it lacks joints or pose, or they are no numbers.
+
+    Args:
+        state: EGMRobotState of abb_robot_client.
+        received_s: when it came, on the computer's clock [s].
+    """
     if state.joint_angles is None or state.cartesian is None:
         return None
     joints = np.deg2rad(np.asarray(state.joint_angles, dtype=np.float64))

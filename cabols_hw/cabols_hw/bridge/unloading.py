@@ -44,7 +44,14 @@ class Unloading:
     def begin(
         self, now_s: float, tension: FloatArray, elongation: FloatArray, trusted: BoolArray
     ) -> None:
-        """Start from the present (n,) tensions [N] and elongations [m], with the trusted limbs."""
+        """Start from the present (n,) tensions [N] and elongations [m], with the trusted limbs.
+
+        Args:
+            now_s: now [s].
+            tension: (n,) [N].
+            elongation: (n,) [m].
+            trusted: (n,) whether the limb may be driven.
+        """
         known = np.isfinite(tension) & np.isfinite(elongation)
         self._trusted = trusted & known
         self._setpoint = np.where(self._trusted, tension, self._hold)
@@ -55,7 +62,13 @@ class Unloading:
             self._law.reset(int(i), float(elongation[i]), 0.0)
 
     def step(self, now_s: float, tension: FloatArray, elongation: FloatArray) -> FloatArray:
-        """Return the (n,) currents [A] for one sample; zero once it is over."""
+        """Return the (n,) currents [A] for one sample; zero once it is over.
+
+        Args:
+            now_s: now [s].
+            tension: (n,) estimates [N].
+            elongation: (n,) [m].
+        """
         dt_s = now_s - self._last_s
         if not self.active or not dt_s > 0.0:
             return self.current
@@ -74,7 +87,12 @@ class Unloading:
         return self.current
 
     def warm_up(self, tension: FloatArray, elongation: FloatArray) -> None:
-        """Compile what step() needs, for the arrays that it will get; ends at rest."""
+        """Compile what step() needs, for the arrays that it will get; ends at rest.
+
+        Args:
+            tension: (n,) [N].
+            elongation: (n,) [m].
+        """
         n = self.current.size
         self.begin(0.0, np.full(n, 50.0), np.zeros(n), np.ones(n, dtype=np.bool_))
         self.step(1e-3, tension, elongation)

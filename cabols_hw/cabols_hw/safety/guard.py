@@ -56,6 +56,11 @@ class BridgeGuard:
     def command(self, limbs: IntArray, current: FloatArray, now_s: float) -> bool:
         """Take (k,) currents [A] for (k,) limbs that arrived after the sample at now_s.
 
+        Args:
+            limbs: (k,) limbs, from 0.
+            current: (k,) [A].
+            now_s: of the newest sample, on the card's clock [s].
+
         Returns:
             False if a limb does not exist or a current is not finite: nothing is changed then.
         """
@@ -65,6 +70,12 @@ class BridgeGuard:
         self, now_s: float, bridge: Bridge, mode: OperatingMode, card_expired: bool = False
     ) -> bool:
         """Judge one sample, just taken by the bridge; `now_s` on the card's clock.
+
+        Args:
+            now_s: of the sample, on the card's clock [s].
+            bridge: that took it.
+            mode: newest mode.
+            card_expired: whether the card's own watchdog has zeroed the outputs.
 
         Returns:
             Whether the amplifiers need output() at once, without waiting for a command.

@@ -60,7 +60,12 @@ class PoseWatch:
         self._place = None
 
     def judge(self, now_s: float, mode: OperatingMode) -> BridgeFault | None:
-        """Compare the newest pose, its age and the platform's speed with the limits of a mode."""
+        """Compare the newest pose, its age and the platform's speed with the limits of a mode.
+
+        Args:
+            now_s: now, on the card's clock [s].
+            mode: whose limits count.
+        """
         if mode == OperatingMode.COMMISSIONING:
             return None
         age = now_s - self._newest_s

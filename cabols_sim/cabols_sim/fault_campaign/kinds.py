@@ -45,7 +45,12 @@ class Kind:
     demand: tuple[float, ...] | None = None
 
     def pick_limb(self, random: np.random.Generator, tension: FloatArray) -> int:
-        """Return the limb that gets it, for (n,) true tensions [N]; -1 for none."""
+        """Return the limb that gets it, for (n,) true tensions [N]; -1 for none.
+
+        Args:
+            random: generator of the trial.
+            tension: (n,) true [N].
+        """
         order = np.argsort(tension)
         if self.limb == NONE:
             return -1

@@ -206,7 +206,14 @@ class Plant:
             self._place()
 
     def inject(self, kind: str, limb: int = -1, value: float = 0.0, duration_s: float = 0.0) -> str:
-        """Cause a fault from now on, or mend all; see PlantFaults.inject."""
+        """Cause a fault from now on, or mend all; see PlantFaults.inject.
+
+        Args:
+            kind: name of the fault, or none to mend all.
+            limb: from 0; -1: none.
+            value: size in the fault's unit; 0: its default.
+            duration_s: 0: until mended [s].
+        """
         said = self.faults.inject(kind, limb, value, duration_s, self._time)
         self._part(self.faults.limbs_with("cable_break"))
         return said

@@ -67,7 +67,12 @@ def _claimed(place: Path) -> Iterator[OutputFolder | None]:
 
 
 def provenance(source: Source, found: Study) -> dict[str, object]:
-    """Provenance of the numbers in result.yaml."""
+    """Provenance of the numbers in result.yaml.
+
+    Args:
+        source: of the data.
+        found: from them.
+    """
     frames, validation = found.frames, found.point_validation
     return {
         "provenance": {

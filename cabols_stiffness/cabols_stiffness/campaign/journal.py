@@ -188,7 +188,14 @@ class Journal:
         return len(missing)
 
     def tell(self, time_ns: int, what: str, keys: Iterable[LoadKey], reason: str) -> None:
-        """Log retried or skipped loads; one line for each."""
+        """Log retried or skipped loads; one line for each.
+
+        Args:
+            time_ns: rig's time [ns].
+            what: was done, in a word.
+            keys: of the loads.
+            reason: why.
+        """
         for key in keys:
             cells = (time_ns, what, key.configuration, key.reflector, key.load, reason)
             self._log.append([str(cell) for cell in cells])

@@ -198,7 +198,13 @@ class CampaignPlan:
 
 
 def points(paths: list[TensionPath], reference_every: int, rest_tension: float) -> list[Point]:
-    """The trajectory's stops: paths, and references before, between and behind them."""
+    """The trajectory's stops: paths, and references before, between and behind them.
+
+    Args:
+        paths: of tensions, in their order.
+        reference_every: paths from one reference to the next.
+        rest_tension: of every limb at a reference [N].
+    """
     found: list[Point] = []
     rest = np.full(len(paths[0].peak) if paths else 0, rest_tension)
     leg = 0

@@ -95,7 +95,15 @@ def estimate(
     robust: bool = True,
     hysteresis: bool = True,
 ) -> tuple[Fitted, Model, StiffnessResult]:
-    """Do as identify; return also the fit and the estimated model."""
+    """Do as identify; return also the fit and the estimated model.
+
+    Args:
+        observations: of one campaign.
+        model: as identify.
+        start: as identify.
+        robust: as identify.
+        hysteresis: as identify.
+    """
     if model not in MODELS:
         raise CabolsError(f"model: expected one of {', '.join(MODELS)}, got {model!r}")
     samples = observations.samples
