@@ -134,7 +134,7 @@ class LimbLaw:
 
         Args:
             velocity_reference: (n,) [m/s].
-            position: (n,) elongation [m].
+            position: (n,) elongation or wound length [m].
             dt_s: time since the last step [s].
         """
         self._records["reference"] = velocity_reference
