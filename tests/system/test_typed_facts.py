@@ -20,6 +20,8 @@ ALLOWED = {
     "cabols_control/bags/writer.py add_channel": "equal message definitions are written once",
     "cabols_control/new_rig.py _campaign": "lines of a rig's YAML file, kept with their comments",
     "cabols_control/new_rig.py _geometry": "lines of a rig's YAML file, kept with their comments",
+    "cabols_control/migrate.py without_keys": "keys of a YAML file, by line",
+    "cabols_sim/bench/busiest.py processor_seconds": "a line of /proc, in the kernel's format",
     "cabols_hw/abb/rws.py _flag": "a RAPID variable's value, TRUE or FALSE",
     "cabols_hw/force_torque/ati.py _unit": "a unit in ATI's calibration file",
     "cabols_hw/force_torque/ati.py _torque_unit": "a unit in ATI's calibration file",
