@@ -126,11 +126,20 @@ def served(root: Path) -> list[Served]:
 
 
 def parameters(root: Path) -> list[Parameter]:
-    """Find the parameters that the nodes' sources declare."""
-    found = []
+    """Find the parameters that the nodes' sources declare; those of the tables are read there."""
+    from cabols_control.bringup.graph import all_arguments
+
+    rows = {argument.name: argument for argument in all_arguments()}
+    found: list[Parameter] = []
     for path in sources(root):
         tree = ast.parse(path.read_text(encoding="utf-8"), str(path))
         for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            if _called(call) == "declare_row" and isinstance(call.args[1], ast.Call):
+                row = rows[ast.literal_eval(call.args[1].args[0])]
+                name, limits = row.parameter or row.name, repr(row.bounds) if row.bounds else ""
+                unit = f" [{row.unit}]" if row.unit else ""
+                text = f"{row.description}{unit}"
+                found.append(Parameter(_where(path), name, repr(row.default), text, limits))
             if _called(call) == "declare" and len(call.args) >= 4:
                 bounds = call.args[4] if len(call.args) > 4 else None
                 found += [
@@ -201,9 +210,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
 
 def graph_nodes() -> list[Any]:
     """Return the nodes of the bench with everything: robot, campaign, console, recorder."""
-    from cabols_control.bringup import graph
+    from cabols_sim.bringup_nodes import bench_graph
 
-    return graph.bench_graph(campaign=True, console=True)
+    return bench_graph(campaign=True, console=True)
 
 
 def topic_rows() -> Iterator[tuple[str, ...]]:
@@ -246,13 +255,14 @@ def argument_rows() -> Iterator[tuple[object, ...]]:
     """Yield the arguments of the launch files."""
     from cabols_control.bringup import graph
 
-    for item in graph.ARGUMENTS:
+    for item in graph.all_arguments():
         yield (
             f"`{item.name}`",
             f"`{item.default!r}`",
-            item.description,
+            item.text,
             ", ".join(item.kinds),
-            ", ".join(f"`{node}`" for node in item.nodes) or "the graph itself",
+            ", ".join(f"`{n.executable}`" for n in graph.all_nodes() if item.name in n.takes)
+            or "the graph itself",
         )
 
 

@@ -5,8 +5,8 @@ ros2 launch cabols_sim bench.launch.py program:=steps auto_start:=true output:=b
 
 from launch.actions import OpaqueFunction
 
-from cabols_control.bringup.graph import bench_graph
 from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
+from cabols_sim.bringup_nodes import bench_graph
 from launch import Action, LaunchContext, LaunchDescription
 
 

@@ -14,8 +14,8 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from cabols_control.bringup.node_spec import ONE_BLAS_THREAD
 from cabols_control.bringup.processes import Ended
+from cabols_control.bringup.specs import ONE_BLAS_THREAD
 from cabols_control.ros import topics
 from cabols_control.ros.qos import topic_qos
 from cabols_control.topics import Quality, topic_row

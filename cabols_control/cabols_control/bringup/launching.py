@@ -12,15 +12,15 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from cabols_control.bringup.graph import ARGUMENTS, with_arguments
-from cabols_control.bringup.node_spec import ONE_BLAS_THREAD, NodeSpec
+from cabols_control.bringup.graph import all_arguments, with_arguments
+from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
 
 
 def arguments(kind: str) -> list[Any]:
     """Declare the launch arguments of one kind of graph, "bench" or "rig"."""
     return [
-        DeclareLaunchArgument(a.name, default_value=str(a.default), description=a.description)
-        for a in ARGUMENTS
+        DeclareLaunchArgument(a.name, default_value=str(a.default), description=a.text)
+        for a in all_arguments()
         if kind in a.kinds
     ]
 
@@ -28,7 +28,7 @@ def arguments(kind: str) -> list[Any]:
 def argument_values(context: Any) -> dict[str, Any]:
     """Return the arguments' values, typed as their defaults."""
     found = {}
-    for argument in ARGUMENTS:
+    for argument in all_arguments():
         if argument.name in context.launch_configurations:
             text = LaunchConfiguration(argument.name).perform(context)
             is_text = isinstance(argument.default, str)

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from cabols_control.bringup.node_spec import NodeSpec
+from cabols_control.bringup.specs import NodeSpec
 from cabols_control.errors import CabolsError
 
 PR_SET_PDEATHSIG = 1

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from cabols_msgs.msg import OperatorHeartbeat
 
+from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.console.access import AccessPolicy
 from cabols_control.console.dispatcher import Dispatcher, Settings
 from cabols_control.console.foxglove_link import FoxgloveLink
@@ -20,7 +21,7 @@ from cabols_control.errors import ConfigError
 from cabols_control.ros.console_calls import Calls
 from cabols_control.ros.console_feed import Feed
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.ticker import Ticker
 
@@ -42,8 +43,8 @@ class ConsoleNode(ControlNode):
             ConfigError: if another address than loopback is to be served without a token.
         """
         super().__init__("console")
-        host = declare(self, "host", "127.0.0.1", "address to serve at; others need token_file")
-        port = declare(self, "port", 8080, "TCP port; 0: any free one", (0, 65535))
+        host = declare_row(self, CONTROL_NODES.argument("console_host"))
+        port = declare_row(self, CONTROL_NODES.argument("console_port"))
         policy = AccessPolicy(host, self._read_token())
         tls = self._declare_tls()
         self.latest = LatestValues()
@@ -63,9 +64,7 @@ class ConsoleNode(ControlNode):
         self._thread = threading.Thread(target=self._serve, name="console_server", daemon=True)
 
     def _read_token(self) -> str:
-        path = declare(
-            self, "token_file", "", "its first line is demanded of every visitor; empty: none"
-        )
+        path = declare_row(self, CONTROL_NODES.argument("token_file"))
         if not path:
             return ""
         try:
@@ -87,10 +86,8 @@ class ConsoleNode(ControlNode):
         return (certificate, key) if certificate else None
 
     def _settings(self) -> Settings:
-        uploads = declare(self, "uploads", "console/programs", "folder of uploaded programmes")
-        campaigns = declare(
-            self, "campaigns", "campaigns", "folder of stiffness campaigns and their reports"
-        )
+        uploads = declare_row(self, CONTROL_NODES.argument("uploads"))
+        campaigns = declare_row(self, CONTROL_NODES.argument("campaigns"))
         configurations = declare(
             self, "configurations", 13, "stored configurations of the robot, how many", (0, 1000)
         )
@@ -110,13 +107,7 @@ class ConsoleNode(ControlNode):
         )
 
     def _open_foxglove(self, scene: SceneConfig) -> FoxgloveLink | None:
-        port = declare(
-            self,
-            "foxglove_port",
-            0,
-            "TCP port of a Foxglove WebSocket on loopback; 0: none",
-            (0, 65535),
-        )
+        port = declare_row(self, CONTROL_NODES.argument("foxglove_port"))
         if not port:
             return None
         link = FoxgloveLink(self.rig, scene, "127.0.0.1", port)

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 
+from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.checks import BoolArray
 from cabols_control.errors import ConfigError
 from cabols_control.limb_control.controller import LimbController, TensionSetpoint
@@ -14,7 +15,7 @@ from cabols_control.nodes.commission_server import CommissionServer
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare, declare_robot
+from cabols_control.ros.parameters import declare, declare_robot, declare_row
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_limb_messages
@@ -36,9 +37,7 @@ class LimbControllerNode(ControlNode):
             raise ConfigError(
                 f"limbs: expected distinct indices from 0 to {geometry.cables - 1}, got {limbs}"
             )
-        timeout = declare(
-            self, "command_timeout", 0.0, "s, replaces the control file's; 0: its", (0.0, 0.2)
-        )
+        timeout = declare_row(self, CONTROL_NODES.argument("command_timeout"))
         self._controller = LimbController(self.rig, limbs, timeout or None)
         lockstep = self.lockstep
         state_layout = topics.limb_state_layout(geometry)

@@ -13,15 +13,16 @@ from cabols_msgs.srv import CheckProgram, SetMode
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 
+from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.errors import CabolsError
 from cabols_control.load_programs.feasibility import ProgramCheck, check_program
-from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
+from cabols_control.load_programs.programs import LoadProgram, load_program
 from cabols_control.result_code import ResultCode
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.pause import pause
 from cabols_control.ros.ticker import Ticker
 from cabols_control.rotations import read_pose
@@ -48,17 +49,9 @@ class LoadProgramNode(ControlNode):
     def __init__(self) -> None:
         """Subscribe to mode (and to wrench, in lockstep); advertise desired_wrench."""
         super().__init__("load_program")
-        name = declare(
-            self,
-            "program",
-            "",
-            f"run this at the first LOADING: {', '.join(sorted(BUILT_IN))} or a .csv path; "
-            "empty: wait for the action",
-        )
-        scale = declare(self, "scale", 1.0, "factor on forces and torques", (-10.0, 10.0))
-        self._exit_when_done = declare(
-            self, "exit_when_done", False, "end the process after the first programme"
-        )
+        name = declare_row(self, CONTROL_NODES.argument("program"))
+        scale = declare_row(self, CONTROL_NODES.argument("scale"))
+        self._exit_when_done = declare_row(self, CONTROL_NODES.argument("exit_when_done"))
         rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
         self._first = load_program(name).scaled(scale) if name else None
         layout = topics.wrench_layout(self.rig.geometry.base_frame)

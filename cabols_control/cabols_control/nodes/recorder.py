@@ -13,12 +13,13 @@ from std_srvs.srv import SetBool
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.names import relative
+from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.errors import ConfigError
 from cabols_control.realtime.scheduling import be_ordinary
 from cabols_control.rig_folder import FILES, rig_file
 from cabols_control.ros import topics
 from cabols_control.ros.node import WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.recording import Recording
 from cabols_control.topics import RECORDED
@@ -41,18 +42,14 @@ class RecorderNode(ControlNode):
             BagError: if the bag cannot be created, or exists.
         """
         super().__init__("recorder")
-        self._given = declare(
-            self, "output", "", "folder of the first bag; empty: bags/cabols_<date-time>"
-        )
+        self._given = declare_row(self, CONTROL_NODES.argument("output"))
         text = "topics to record, relative to /cabols"
         names = declare(self, "topics", list(RECORDED), text)
         self._period = declare(
             self, "flush_period", 0.5, "s, what a kill may lose at most", (0.05, 60.0)
         )
-        self._description = declare(
-            self, "description", "", "text about the run for the bag's metadata"
-        )
-        at_once = declare(self, "record_at_start", True, "false: wait for the service `record`")
+        self._description = declare_row(self, CONTROL_NODES.argument("description"))
+        at_once = declare_row(self, CONTROL_NODES.argument("record_at_start"))
         self._topic_names = _checked(names)
         self._failure: BaseException | None = None
         self._told = self.create_publisher(String, "recording", topic_qos("recording"))

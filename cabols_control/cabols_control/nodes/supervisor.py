@@ -11,12 +11,13 @@ from cabols_msgs.msg import LoopStatus, OperatorHeartbeat
 from cabols_msgs.srv import SetMode
 from std_srvs.srv import Trigger
 
+from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.ticker import Ticker
 from cabols_control.supervision.faults import Fault, FaultName, fault_name
@@ -42,15 +43,11 @@ class SupervisorNode(ControlNode):
         if declare(self, "robot", False, "a robot carries the platform: its bridge must run, too"):
             needed = (*needed, "abb_tracker_bridge")
         config = SupervisionConfig(
-            auto_start=declare(
-                self, "auto_start", False, "pre-tighten and go to LOADING without a request"
-            ),
+            auto_start=declare_row(self, CONTROL_NODES.argument("auto_start")),
             pretension_timeout_s=declare(
                 self, "pretension_timeout", 15.0, "s, longest pre-tightening", (0.1, 600.0)
             ),
-            state_timeout_s=declare(
-                self, "state_timeout", 0.2, "s, longest silence of limb states", (0.01, 10.0)
-            ),
+            state_timeout_s=declare_row(self, CONTROL_NODES.argument("state_timeout")),
             unloaded_tension=1.7 * self.rig.limbs.switch_tension,
             # In lockstep the clock itself waits for the controllers.
             controllers=() if self.paced else needed,
@@ -58,13 +55,7 @@ class SupervisorNode(ControlNode):
         )
         self._core = Supervision(config)
         self._operator_watchdog = OperatorWatchdog(
-            declare(
-                self,
-                "operator_timeout",
-                10.0,
-                "s, longest silence of a console in command while anything moves",
-                (0.5, 86400.0),
-            )
+            declare_row(self, CONTROL_NODES.argument("operator_timeout"))
         )
         self._lock = threading.Lock()
         self._state = self._input("limb_state", topics.limb_state_layout(self.rig.geometry))

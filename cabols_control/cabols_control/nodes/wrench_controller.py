@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare, declare_robot
+from cabols_control.ros.parameters import declare_robot, declare_row
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
@@ -30,7 +31,7 @@ class WrenchControllerNode(ControlNode):
     def __init__(self) -> None:
         """Subscribe to wrench, setpoints, platform_pose and mode; advertise tension_command."""
         super().__init__("wrench_controller")
-        method = declare(self, "tension_method", "", "see the control file; empty: that file's")
+        method = declare_row(self, CONTROL_NODES.argument("tension_method"))
         if method:
             control = replace(self.rig.control, tension_method=method)
             self.rig = replace(self.rig, control=control)

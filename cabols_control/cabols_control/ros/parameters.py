@@ -7,9 +7,11 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
+from cabols_control.bringup.specs import Argument
+from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.realtime.scheduling import Scheduling
 from cabols_control.rig import Rig, load_rig
-from cabols_control.rig_folder import BENCH, RigFolder, find_rig
+from cabols_control.rig_folder import RigFolder, find_rig
 
 
 def declare(
@@ -32,18 +34,30 @@ def declare(
     return node.declare_parameter(name, default, descriptor).value
 
 
+def declare_row(node: Node, row: Argument) -> Any:
+    """Declare the parameter that a launch argument is of this node, and return its value.
+
+    Args:
+        node: that has it.
+        row: of the table of the node's package.
+    """
+    unit = f" [{row.unit}]" if row.unit else ""
+    text = f"{row.description}{unit}"
+    return declare(node, row.parameter or row.name, row.default, text, row.bounds)
+
+
 def declare_rig_folder(node: Node) -> RigFolder:
     """Declare the parameter that names the rig, and find its folder."""
-    return find_rig(declare(node, "rig", BENCH, "name of an installed rig, or folder of a rig"))
+    return find_rig(declare_row(node, CONTROL_NODES.argument("rig")))
 
 
 def declare_rig(node: Node, folder: RigFolder) -> Rig:
     """Declare files that replace the rig's, and read what control needs."""
     return load_rig(
         folder,
-        geometry=declare(node, "geometry_file", "", "YAML of the geometry; empty: the rig's"),
-        limbs=declare(node, "limbs_file", "", "YAML of the limbs; empty: the rig's"),
-        control=declare(node, "control_file", "", "YAML of the control; empty: the rig's"),
+        geometry=declare_row(node, CONTROL_NODES.argument("geometry_file")),
+        limbs=declare_row(node, CONTROL_NODES.argument("limbs_file")),
+        control=declare_row(node, CONTROL_NODES.argument("control_file")),
     )
 
 
@@ -66,16 +80,8 @@ def declare_robot(node: Node) -> bool:
 def declare_scheduling(node: Node) -> Scheduling:
     """Declare the scheduling that the control thread requests from the kernel."""
     return Scheduling(
-        fifo_priority=declare(
-            node, "fifo_priority", 0, "SCHED_FIFO priority of all threads; 0: leave", (0, 99)
-        ),
+        fifo_priority=declare_row(node, CONTROL_NODES.argument("fifo_priority")),
         lock_memory=declare(node, "lock_memory", False, "lock all pages in memory"),
         cpu=declare(node, "cpu", -1, "core to run on; -1: any", (-1, 1023)),
-        cpu_latency_us=declare(
-            node,
-            "cpu_latency_us",
-            -1,
-            "us, longest wake-up of any core; 0: cores poll instead of sleeping, -1: leave",
-            (-1, 1_000_000),
-        ),
+        cpu_latency_us=declare_row(node, CONTROL_NODES.argument("cpu_latency_us")),
     )

@@ -20,7 +20,7 @@ from rclpy.serialization import serialize_message
 from cabols_control.errors import ConfigError
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.pause import pause
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
@@ -28,6 +28,7 @@ from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
 from cabols_hw.abb.rws import RobotMover
+from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.ros.robot_stream import BaseFrame, RobotStream
 from cabols_hw.ros.worker import Worker
 from cabols_hw.tracker.client import TrackerClient
@@ -56,12 +57,10 @@ class AbbTrackerBridge(ControlNode):
         """
         super().__init__("abb_tracker_bridge")
         speed = self._declare_robot()
-        self._tracker_address = declare(
-            self, "tracker_address", "", "host:port of the laser tracker's server; empty: none"
-        )
+        self._tracker_address = declare_row(self, HW_NODES.argument("tracker_address"))
         tracker = load_tracker_config(
             self.rig_folder,
-            declare(self, "tracker_file", "", "YAML of the laser tracker; empty: the rig's"),
+            declare_row(self, HW_NODES.argument("tracker_file")),
         )
         self._tracker_config = replace(tracker, time_stretch=tracker.time_stretch / speed)
         self._tracker_frame = declare(self, "tracker_frame", "tracker", "frame of measurements")
@@ -78,8 +77,8 @@ class AbbTrackerBridge(ControlNode):
 
     def _declare_robot(self) -> float:
         """Open the robot's stream; return the speed of the controller's clock."""
-        address = declare(self, "robot_address", "127.0.0.1", "of the controller")
-        port = declare(self, "rws_port", 80, "TCP port of Robot Web Services", (1, 65535))
+        address = declare_row(self, HW_NODES.argument("robot_address"))
+        port = declare_row(self, HW_NODES.argument("rws_port"))
         url = declare(self, "rws_url", "", "replaces address and port; empty: made of them")
         self._url = url or f"http://{address}:{port}"
         self._user = declare(self, "user", "Default User", "of Robot Web Services")
@@ -87,15 +86,11 @@ class AbbTrackerBridge(ControlNode):
         self._timeout_s = declare(self, "move_timeout", 60.0, "s, for one motion", (0.1, 3600.0))
         self._configurations = load_configurations(
             self.rig_folder,
-            declare(
-                self, "robot_configurations_file", "", "stored configurations; empty: the rig's"
-            ),
+            declare_row(self, HW_NODES.argument("robot_configurations_file")),
         )
-        speed = declare(
-            self, "speed", 1.0, "of the controller's clock; below 1: slow motion", (0.01, 1.0)
-        )
+        speed = declare_row(self, HW_NODES.argument("speed"))
         self._reader = EgmReader(
-            declare(self, "egm_port", 6510, "UDP port that the controller sends to", (0, 65535)),
+            declare_row(self, HW_NODES.argument("egm_port")),
             declare(self, "egm_address", "", "IP that EGM must come from; empty: any"),
             declare(self, "late_after", 0.03, "s, delay that counts as late", (0.001, 1.0)),
             speed,
@@ -104,9 +99,7 @@ class AbbTrackerBridge(ControlNode):
             declare(self, "robot_position", [0.0] * 3, "m, robot's base in the rig's"),
             declare(self, "robot_rotation_xyz_deg", [0.0] * 3, "intrinsic x-y-z, of its base"),
         )
-        stale = declare(
-            self, "stale_after", 0.05, "s without packet, then the pose is stale", (0.005, 10.0)
-        )
+        stale = declare_row(self, HW_NODES.argument("stale_after"))
         robot_clock = declare(
             self, "robot_clock", False, "stamps are the controller's time: simulation only"
         )

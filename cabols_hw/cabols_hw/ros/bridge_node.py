@@ -17,11 +17,12 @@ from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare_row
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
 from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
 from cabols_hw.safety.config import SafetyConfig, load_safety
@@ -52,17 +53,14 @@ class BridgeNode(ControlNode):
             make_daq: makes the card's back end; may declare parameters of its own.
         """
         super().__init__(name)
-        card_file = declare(self, "card_file", "", "YAML of the card; empty: the rig's")
+        card_file = declare_row(self, HW_NODES.argument("card_file"))
         self._card = load_card(self.rig_folder, card_file)
         self._card.wiring.require_limbs(self.rig.geometry.cables)
         self.daq = make_daq(self, self.rig, self._card)
         geometry = self.rig.geometry
         n = geometry.cables
         self.bridge = Bridge(self.rig, self._card)
-        self._watchdog_s = (
-            declare(self, "watchdog", 0.0, "s, replaces the card file's; 0: the file's", (0.0, 0.1))
-            or self._card.watchdog
-        )
+        self._watchdog_s = declare_row(self, HW_NODES.argument("watchdog")) or self._card.watchdog
         self._safety_config = self.safety_config()
         self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
         currents = topics.motor_current_layout(geometry, n)
@@ -118,7 +116,7 @@ class BridgeNode(ControlNode):
 
         A watchdog longer than the file's also raises the largest ages of samples and poses.
         """
-        path = declare(self, "safety_file", "", "YAML of the safety envelope; empty: the rig's")
+        path = declare_row(self, HW_NODES.argument("safety_file"))
         config = load_safety(self.rig_folder, path)
         check_limits(
             self.rig.control.tension_max,

@@ -16,8 +16,8 @@ import numpy as np
 import yaml
 
 from cabols_control.bringup.log_line import read_line
-from cabols_control.bringup.node_spec import NodeSpec
 from cabols_control.bringup.processes import Ended, executable_path
+from cabols_control.bringup.specs import NodeSpec
 from cabols_control.command_line import (
     DONE,
     FAILED,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.bringup.log_line import read_line
-from cabols_control.bringup.node_spec import NodeSpec
+from cabols_control.bringup.specs import NodeSpec
 from cabols_control.command_line import (
     DONE,
     FAILED,

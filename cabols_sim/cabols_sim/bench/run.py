@@ -10,10 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cabols_control.bringup.graph import Ports, bench_graph, with_arguments
-from cabols_control.bringup.node_spec import ONE_BLAS_THREAD, NodeSpec
+from cabols_control.bringup.graph import with_arguments
 from cabols_control.bringup.processes import Ended, run
+from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
 from cabols_control.realtime.scheduling import may_limit_wake_up, may_use_fifo
+from cabols_sim.bringup_nodes import Ports, bench_graph
 
 SAFE_DOMAINS = (1, 101)
 """Domain ids whose ports do not reach into Linux' ephemeral range."""
@@ -90,7 +91,7 @@ def run_bench(
     """Run the bench until one node ends, or Ctrl-C.
 
     Args:
-        values: arguments by name, see cabols_control.bringup.graph.ARGUMENTS; without `robot`
+        values: arguments by name, see cabols_control.bringup.graph.all_arguments; without `robot`
             the target is rigid.
         on_line: called with (node, line) of output; default prints.
         log_folder: for each node's output.

@@ -17,13 +17,15 @@ from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
 from cabols_control.ros.loop import Input, Output
 from cabols_control.ros.node import run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig
 from cabols_hw.ros.bridge_node import BridgeNode
 from cabols_hw.safety.config import SafetyConfig
+from cabols_sim.bringup_nodes import NODES as SIM_NODES
 from cabols_sim.devices.link import DEFAULT_LINK_PORT, PlantLink
 from cabols_sim.devices.robot.coupling import RobotCoupling
 from cabols_sim.devices.robot.robot_config import load_robot_truth
@@ -43,15 +45,13 @@ POSE_PATIENCE_S = 1.0
 
 def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     """Build plant and card from the node's parameters."""
-    path = declare(node, "plant_file", "", "YAML of the plant; empty: the rig's")
+    path = declare_row(node, SIM_NODES.argument("plant_file"))
     config = load_plant(node.rig_folder, path)
-    if declare(node, "linear", False, "leave out everything that is not linear"):
+    if declare_row(node, SIM_NODES.argument("linear")):
         config = config.linear()
-    seed = declare(node, "seed", 0, "of slack, bias and noise", (0, 2**31 - 1))
+    seed = declare_row(node, SIM_NODES.argument("seed"))
     node.quiet = node.get_parameter("linear").value
-    speed = declare(
-        node, "speed", 1.0, "how fast the rig's time passes; below 1: slow motion", (0.01, 1.0)
-    )
+    speed = declare_row(node, HW_NODES.argument("speed"))
     warm_up_card(rig, card, config)
     node.coupling = make_coupling(node)
     robot = node.coupling.robot if node.coupling is not None else None
@@ -64,10 +64,8 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
 def make_coupling(node: BridgeNode) -> RobotCoupling | None:
     """Build the robot and its link to the device simulator; None for a rigid target."""
     wanted = declare(node, "robot", False, "flexible robot, its devices served by device_simulator")
-    path = declare(node, "robot_file", "", "YAML of the simulated robot; empty: the rig's")
-    configurations = declare(
-        node, "robot_configurations_file", "", "YAML of the stored configurations; empty: the rig's"
-    )
+    path = declare_row(node, SIM_NODES.argument("robot_file"))
+    configurations = declare_row(node, HW_NODES.argument("robot_configurations_file"))
     port = declare(
         node, "link_port", DEFAULT_LINK_PORT, "UDP on loopback, to device_simulator", (0, 65535)
     )
@@ -100,16 +98,14 @@ class PlantNode(BridgeNode):
     def __init__(self) -> None:
         """Build the rig."""
         super().__init__("plant", make_card)
-        self._steps = declare(
-            self, "steps", 0, "lockstep: end after this number of samples; 0: never", (0, 2**31 - 1)
-        )
+        self._steps = declare_row(self, SIM_NODES.argument("steps"))
         geometry = self.rig.geometry
         self._pose = topics.pose_layout(geometry).record()
         self._place = b""
         if self.coupling is None:
             self._pose_output = self.advertise_live("platform_pose")
         self._truth = None
-        if declare(self, "truth", False, "publish what no sensor sees: true tensions and wrench"):
+        if declare_row(self, SIM_NODES.argument("truth")):
             self._truth = self._advertise_truth()
         self.create_service(InjectFault, "inject_fault", self._inject)
 

@@ -23,12 +23,13 @@ from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare_row
 from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import topic_qos
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.analysis.bag import read_loads
+from cabols_stiffness.bringup_nodes import NODES as STIFFNESS_NODES
 from cabols_stiffness.campaign.journal import PLAN, Journal
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.ros.campaign_run import CampaignRun
@@ -48,12 +49,8 @@ class StiffnessCampaignNode(ControlNode):
     def __init__(self) -> None:
         """Advertise the action, the services and the tension setpoints."""
         super().__init__("stiffness_campaign")
-        self._folder = declare(
-            self, "campaign_folder", "", "of campaigns that name none; empty: campaigns/<time>"
-        )
-        self._file = declare(
-            self, "campaign_file", "", "campaign.yaml of campaigns that name none; empty: the rig's"
-        )
+        self._folder = declare_row(self, STIFFNESS_NODES.argument("campaign_folder"))
+        self._file = declare_row(self, STIFFNESS_NODES.argument("campaign_file"))
         self._leader = TensionLeader(self)
         self._loads = self.advertise("stiffness_load")
         self._status_output = self.advertise("campaign_status")

@@ -1,0 +1,162 @@
+"""What a package declares of its nodes: topics, arguments, part in the graph."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any
+
+from cabols_control.errors import ConfigError
+
+ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
+"""Environment of every node: its matrices are tiny, and two cores run the whole graph."""
+FIFO = "fifo_priority"
+"""The argument of which nodes get less than its value: see NodeSpec.fifo_below."""
+
+
+class Role(Enum):
+    """What a node is for in a graph; a graph is put together by roles, in this order."""
+
+    CONSOLE = "operator's page"
+    RECORDER = "recorder"
+    CONTROLLER = "control loop"
+    PROGRAM = "load programmes"
+    CAMPAIGN = "stiffness campaigns"
+    ROBOT = "robot and tracker"
+    CLOCK = "bridge to the hardware, the clock of the graph"
+    SIMULATION = "simulated rig"
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """One node of the graph.
+
+    Attributes:
+        package: ROS package.
+        executable: its executable, and the node's name.
+        reads: topics, relative to /cabols.
+        writes: topics, relative to /cabols.
+        parameters: ROS parameters.
+        options: command line of an executable that is no ROS node, by name without dashes.
+        role: what it is for.
+        takes: names of the arguments that it gets.
+        fifo_below: how much less than the argument's its real-time priority is.
+    """
+
+    package: str
+    executable: str
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
+    parameters: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+    role: Role | None = None
+    takes: tuple[str, ...] = ()
+    fifo_below: int = 0
+
+    def with_parameters(self, **parameters: Any) -> NodeSpec:
+        """Return the same node with more parameters."""
+        return replace(self, parameters={**self.parameters, **parameters})
+
+    def option_list(self) -> list[str]:
+        """Return the options as they stand on the command line."""
+        return [word for name, value in self.options.items() for word in (f"--{name}", str(value))]
+
+    def arguments(self) -> list[str]:
+        """Return the command line behind the executable's name."""
+        if not self.parameters:
+            return self.option_list()
+        found = [*self.option_list(), "--ros-args"]
+        for name, value in self.parameters.items():
+            # JSON is YAML: quotes keep a path or a name from being read as a number.
+            found += ["-p", f"{name}:={json.dumps(value)}"]
+        return found
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One argument of the launch files and of the demo, and the ROS parameter that it is of nodes.
+
+    Attributes:
+        name: its name, and the parameter's.
+        default: its default, which also gives its type.
+        description: one line.
+        kinds: "bench", "rig" or both.
+        parameter: the nodes' name for it, where that differs.
+        bounds: least and largest value; None for none.
+        unit: of the value; empty for none.
+    """
+
+    name: str
+    default: Any
+    description: str
+    kinds: tuple[str, ...] = ("bench", "rig")
+    parameter: str = ""
+    bounds: tuple[float, float] | None = None
+    unit: str = ""
+
+    @property
+    def text(self) -> str:
+        """Description with unit and bounds, for help texts."""
+        unit = f" [{self.unit}]" if self.unit else ""
+        bounds = f" ({self.bounds[0]:g} to {self.bounds[1]:g})" if self.bounds else ""
+        return f"{self.description}{unit}{bounds}"
+
+    def checked(self, value: Any) -> Any:
+        """Return a value that is within the bounds.
+
+        Raises:
+            ConfigError: if it is not; NaN is not.
+        """
+        if self.bounds is not None and not self.bounds[0] <= value <= self.bounds[1]:
+            low, high = self.bounds
+            unit = f" {self.unit}" if self.unit else ""
+            raise ConfigError(f"{self.name}: expected {low:g} to {high:g}{unit}, got {value!r}")
+        return value
+
+
+@dataclass(frozen=True)
+class PackageNodes:
+    """What one package brings to a graph; `NODES` in its module `bringup_nodes`.
+
+    Attributes:
+        nodes: of the package.
+        arguments: that it adds; those of another package may be taken as well.
+    """
+
+    nodes: tuple[NodeSpec, ...]
+    arguments: tuple[Argument, ...] = ()
+
+    def argument(self, name: str) -> Argument:
+        """One of the package's arguments, by its name."""
+        return next(argument for argument in self.arguments if argument.name == name)
+
+
+def give(
+    nodes: Sequence[NodeSpec], arguments: Sequence[Argument], values: dict[str, Any]
+) -> list[NodeSpec]:
+    """Give each node the arguments that it takes and that differ from their defaults.
+
+    Args:
+        nodes: of a graph.
+        arguments: all that there are.
+        values: by name of the argument.
+
+    Raises:
+        ConfigError: if a value is out of its bounds.
+    """
+    found = []
+    for node in nodes:
+        meant = {}
+        for a in arguments:
+            value = values.get(a.name, a.default)
+            if a.name in node.takes and value != a.default:
+                value = a.checked(value)
+                below = node.fifo_below if a.name == FIFO else 0
+                meant[a.parameter or a.name] = value - below if below else value
+        if node.options:
+            found.append(replace(node, options={**node.options, **meant}))
+        else:
+            found.append(node.with_parameters(**meant))
+    return found

@@ -1,0 +1,90 @@
+"""Nodes and arguments of this package: bridges to card, robot and tracker."""
+
+from __future__ import annotations
+
+from cabols_control.bringup.specs import Argument, NodeSpec, PackageNodes, Role
+from cabols_control.bringup_nodes import OF_EVERY_LOOP
+
+BRIDGE = NodeSpec(
+    "cabols_hw",
+    "q8_ati_bridge",
+    ("motor_current", "platform_pose", "mode"),
+    ("limb_state", "wrench", "loop_status"),
+    role=Role.CLOCK,
+    takes=(
+        *OF_EVERY_LOOP,
+        "card_file",
+        "safety_file",
+        "watchdog",
+        "cpu_latency_us",
+        "cpu",
+    ),
+)
+ROBOT = NodeSpec(
+    "cabols_hw",
+    "abb_tracker_bridge",
+    ("mode",),
+    ("platform_pose", "joint_states", "reflector_measurement", "loop_status"),
+    role=Role.ROBOT,
+    takes=(
+        *OF_EVERY_LOOP,
+        "robot_configurations_file",
+        "tracker_file",
+        "robot_address",
+        "rws_port",
+        "egm_port",
+        "tracker_address",
+        "stale_after",
+        "cpu",
+        "speed",
+    ),
+    fifo_below=2,
+)
+ARGUMENTS = (
+    Argument("card_file", "", "YAML of the card's scaling; empty: the rig's"),
+    Argument("safety_file", "", "YAML of the safety envelope; empty: the rig's"),
+    Argument(
+        "robot_configurations_file",
+        "",
+        "YAML of the robot's stored configurations; empty: the rig's",
+    ),
+    Argument("tracker_file", "", "YAML of the laser tracker; empty: the rig's"),
+    Argument("robot_address", "127.0.0.1", "IP of the robot's controller", kinds=("rig",)),
+    Argument(
+        "rws_port",
+        80,
+        "TCP port of the controller's Robot Web Services",
+        kinds=("rig",),
+        bounds=(1, 65535),
+    ),
+    Argument(
+        "egm_port",
+        6510,
+        "UDP port that the controller sends its position to",
+        kinds=("rig",),
+        bounds=(0, 65535),
+    ),
+    Argument("tracker_address", "", "host:port of the tracker's server", kinds=("rig",)),
+    Argument(
+        "stale_after",
+        0.05,
+        "age of the robot's newest packet at which its pose is stale",
+        bounds=(0.005, 10.0),
+        unit="s",
+    ),
+    Argument(
+        "watchdog",
+        0.0,
+        "age of a motor current that zeroes the outputs; 0: the card file's",
+        bounds=(0.0, 0.1),
+        unit="s",
+    ),
+    Argument(
+        "speed",
+        1.0,
+        "below 1: the simulated rig in slow motion",
+        kinds=("bench",),
+        bounds=(0.01, 1.0),
+    ),
+)
+NODES = PackageNodes((BRIDGE, ROBOT), ARGUMENTS)

@@ -1,0 +1,159 @@
+"""Nodes and arguments of this package, and the graph of the simulated bench."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+from cabols_control.bringup.graph import answering, nodes_of, with_robot
+from cabols_control.bringup.specs import Argument, NodeSpec, PackageNodes, Role
+from cabols_control.bringup_nodes import OF_EVERY_LOOP
+
+PLANT = NodeSpec(
+    "cabols_sim",
+    "plant",
+    ("motor_current", "tension_command", "mode"),
+    ("limb_state", "wrench", "platform_pose", "loop_status"),
+    role=Role.SIMULATION,
+    takes=(
+        *OF_EVERY_LOOP,
+        "card_file",
+        "safety_file",
+        "robot_configurations_file",
+        "watchdog",
+        "cpu_latency_us",
+        "cpu",
+        "plant_file",
+        "linear",
+        "seed",
+        "speed",
+        "robot_file",
+        "truth",
+        "steps",
+    ),
+)
+DEVICES = NodeSpec(
+    "cabols_sim",
+    "device_simulator",
+    (),
+    (),
+    role=Role.SIMULATION,
+    takes=("rig", "fifo_priority", "cpu"),
+    fifo_below=2,
+)
+ARGUMENTS = (
+    Argument("plant_file", "", "YAML of the plant; empty: the rig's", kinds=("bench",)),
+    Argument("linear", False, "simulate the linear plant", kinds=("bench",)),
+    Argument("seed", 0, "of the simulated rig's noise", kinds=("bench",), bounds=(0, 2147483647)),
+    Argument("robot", True, "simulate robot and tracker; false: a rigid target", kinds=("bench",)),
+    Argument("robot_file", "", "YAML of the robot's truth; empty: the rig's", kinds=("bench",)),
+    Argument("truth", False, "publish what no sensor sees", kinds=("bench",)),
+    Argument("lockstep", False, "deterministic: the clock waits for answers", kinds=("bench",)),
+    Argument(
+        "steps",
+        0,
+        "lockstep: end after this number of samples; 0: never",
+        kinds=("bench",),
+        bounds=(0, 2147483647),
+    ),
+)
+NODES = PackageNodes((PLANT, DEVICES), ARGUMENTS)
+
+
+@dataclass(frozen=True)
+class Ports:
+    """Ports of the simulated devices, all on loopback.
+
+    Attributes:
+        link: UDP, between plant and device simulator.
+        egm: UDP, the robot's position stream.
+        rws: TCP, Robot Web Services.
+        tracker: TCP, the laser tracker.
+    """
+
+    link: int = 6520
+    egm: int = 6510
+    rws: int = 6580
+    tracker: int = 6590
+
+
+def bench_graph(
+    lockstep: bool = False,
+    record: bool = True,
+    robot: bool = True,
+    ports: Ports | None = None,
+    campaign: bool = False,
+    console: bool = False,
+) -> list[NodeSpec]:
+    """Nodes of the simulated bench, in starting order: readers first, the clock last.
+
+    They are the rig's nodes with the plant in the bridge's place, and the simulated devices. In
+    lockstep every node waits until its topics have all the readers that this table gives them, so
+    that nothing is lost at the start. With a robot, which has its own pace, the clock waits for the
+    control path alone: plant, wrench controller, limb controller.
+
+    Args:
+        lockstep: deterministic clock.
+        record: with the recorder.
+        robot: with robot and tracker; False for a target that never moves, whose pose the plant
+            publishes itself.
+        ports: of the devices.
+        campaign: with the nodes of stiffness campaigns; they need the robot.
+        console: with the operator's page; in lockstep only with a robot, as otherwise the clock
+            waits for the supervisor, whose operator time-out then cannot run.
+    """
+    nodes = answering(record, campaign, console and (robot or not lockstep))
+    nodes += _devices(ports or Ports()) if robot else [PLANT]
+    if robot:
+        nodes = [with_robot(node) for node in nodes]
+    if not lockstep:
+        return nodes
+    if robot:
+        nodes = [_beside_clock(node) for node in nodes]
+    readers = Counter(topic for node in nodes for topic in node.reads)
+    return [
+        node
+        if node is DEVICES or node.options
+        else node.with_parameters(
+            lockstep=True,
+            wait_for_readers=[f"{topic}={readers[topic]}" for topic in node.writes],
+        )
+        for node in nodes
+    ]
+
+
+def _beside_clock(node: NodeSpec) -> NodeSpec:
+    """Set the parameters of nodes outside the control path, for which lockstep does not wait."""
+    # They then run at their own rate instead of answering every sample, as in real time.
+    reads = {"load_program": ("mode",), "supervisor": ("loop_status",)}.get(node.executable)
+    if reads is None:
+        return node
+    return replace(node, reads=reads).with_parameters(beside_clock=True)
+
+
+def _devices(ports: Ports) -> list[NodeSpec]:
+    """Robot and tracker as servers, the bridge that talks to them, the plant that moves them."""
+    servers = replace(
+        DEVICES,
+        options={
+            "link-port": ports.link,
+            "egm-port": ports.egm,
+            "rws-port": ports.rws,
+            "tracker-port": ports.tracker,
+        },
+    )
+    bridges = [
+        node.with_parameters(
+            egm_port=ports.egm,
+            rws_port=ports.rws,
+            tracker_address=f"127.0.0.1:{ports.tracker}",
+            robot_clock=True,
+        )
+        for node in nodes_of(Role.ROBOT)
+    ]
+    plant = replace(
+        PLANT,
+        reads=(*PLANT.reads, "platform_pose"),
+        writes=tuple(topic for topic in PLANT.writes if topic != "platform_pose"),
+    )
+    return [servers, *bridges, plant.with_parameters(robot=True, link_port=ports.link)]
