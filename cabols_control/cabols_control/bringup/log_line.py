@@ -12,6 +12,8 @@ PLAIN = 0
 SEVERITIES = {"DEBUG": DEBUG, "INFO": INFO, "WARN": WARN, "ERROR": ERROR, "FATAL": FATAL}
 FORMAT = re.compile(r"\[(DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[[\w.]+\]: (.*)", re.DOTALL)
 """rclpy's own: severity, time, logger."""
+READY = re.compile(r"ready \{.*\}")
+"""What a simulated device tells the program that started it."""
 
 
 class LogLine(NamedTuple):
@@ -33,7 +35,8 @@ class LogLine(NamedTuple):
 
 def read_line(output: str) -> LogLine:
     """Read one line of a node's output."""
-    found = FORMAT.fullmatch(output.strip())
+    output = output.strip()
+    found = FORMAT.fullmatch(output)
     if found is None:
-        return LogLine(PLAIN, output)
+        return LogLine(INFO if READY.fullmatch(output) else PLAIN, output)
     return LogLine(SEVERITIES[found[1]], found[2])
