@@ -96,7 +96,7 @@ def sources(root: Path) -> Iterator[Path]:
     """Yield the files in which nodes declare and serve."""
     for package in sorted(root.glob("cabols_*")):
         for folder in NODE_FOLDERS:
-            yield from sorted((package / package.name / folder).glob("*.py"))
+            yield from sorted((package / package.name / folder).rglob("*.py"))
 
 
 def definitions(root: Path) -> dict[str, list[Path]]:

@@ -17,19 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.console.access import COOKIE, AccessPolicy, Lease, Request, is_loopback
 from cabols_control.console.dispatcher import ALIVE_S, Answer, Dispatcher, Settings
-from cabols_control.console.foxglove_link import (
-    LIVE_SCHEMA,
-    LIVE_TOPIC,
-    SCENE_TOPIC,
-    live_message,
-    scene_update,
-)
 from cabols_control.console.latest import EVENTS, FAULT, INFO, LatestValues
 from cabols_control.console.middleware import AccessMiddleware
 from cabols_control.console.preview import preview_svg
 from cabols_control.console.reports import finished, report_file
-from cabols_control.console.scene import joint_points, load_scene, scene_numbers
-from cabols_control.console.shapes import rig_shapes, rod
 from cabols_control.console.uploads import (
     ROWS,
     UPLOAD_BYTES,
@@ -38,6 +29,15 @@ from cabols_control.console.uploads import (
     program_choices,
     safe_stem,
 )
+from cabols_control.console.view3d.foxglove_link import (
+    LIVE_SCHEMA,
+    LIVE_TOPIC,
+    SCENE_TOPIC,
+    live_message,
+    scene_update,
+)
+from cabols_control.console.view3d.scene import joint_points, load_scene, scene_numbers
+from cabols_control.console.view3d.shapes import rig_shapes, rod
 from cabols_control.console.view_models import (
     Measured,
     device_rows,

@@ -9,8 +9,8 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from cabols_control.console.latest import LatestValues
-from cabols_control.ros import console_calls
-from cabols_control.ros.console_calls import Calls
+from cabols_control.ros.console import calls as console_calls
+from cabols_control.ros.console.calls import Calls
 from cabols_control.ros.rig_client import calls as rig_calls
 
 

@@ -10,8 +10,8 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
-from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.node import FAULT, RUNNING, Status
+from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.topics import NAMESPACE
 
 pytestmark = [pytest.mark.ros]

@@ -3,7 +3,8 @@
 import pytest
 
 import interface
-from cabols_control.ros import console_calls, topics
+from cabols_control.ros import topics
+from cabols_control.ros.rig_client import calls as rig_calls
 
 NODE = """
 from cabols_msgs.srv import SetMode
@@ -47,9 +48,9 @@ def test_page_names_every_topic_and_every_type():
 
 def test_everything_that_the_console_calls_is_served():
     found = {item.name: item for item in interface.served(interface.ROOT)}
-    for _, name in console_calls.SERVICES.values():
+    for name in rig_calls.SERVICES:
         assert found[name].kind == "service"
-    for name, kind in console_calls.ACTIONS.items():
+    for name, kind in rig_calls.ACTIONS.items():
         assert found[name].type == f"cabols_msgs/{kind.__name__}"
 
 

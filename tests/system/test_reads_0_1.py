@@ -16,7 +16,7 @@ import yaml
 from cabols_control.bags.reader import read_bag
 from cabols_control.bags.recover import main as recover
 from cabols_control.configuration import read_yaml
-from cabols_control.console.scene import load_scene
+from cabols_control.console.view3d.scene import load_scene
 from cabols_control.geometry import load_geometry
 from cabols_control.rig import load_rig
 from cabols_control.run_report.figures_of_merit import summarise

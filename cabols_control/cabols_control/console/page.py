@@ -9,18 +9,18 @@ from typing import Any
 from fastapi import Request
 from nicegui import app, context, ui
 
-from cabols_control.console.campaign_panel import CampaignPanel
 from cabols_control.console.dispatcher import Dispatcher, mark_of
-from cabols_control.console.live_view import (
+from cabols_control.console.panels.campaign import CampaignPanel
+from cabols_control.console.panels.context import PageContext
+from cabols_control.console.panels.live_view import (
     health_html,
     limbs_html,
     log_html,
     view_html,
     wrench_html,
 )
-from cabols_control.console.load_panel import LoadPanel
-from cabols_control.console.page_context import PageContext
-from cabols_control.console.rig_panels import LimbPanel, ModePanel, RobotPanel
+from cabols_control.console.panels.load import LoadPanel
+from cabols_control.console.panels.rig import LimbPanel, ModePanel, RobotPanel
 
 REFRESH_S = 0.4
 

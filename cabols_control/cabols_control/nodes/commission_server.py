@@ -28,7 +28,7 @@ from cabols_control.result_code import NOT_YET, ResultCode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
-from cabols_control.ros.pause import pause
+from cabols_control.ros.threads.pause import pause
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 

@@ -13,17 +13,17 @@ from cabols_msgs.msg import OperatorHeartbeat
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.console.access import AccessPolicy
 from cabols_control.console.dispatcher import Dispatcher, Settings
-from cabols_control.console.foxglove_link import FoxgloveLink
 from cabols_control.console.latest import LatestValues
-from cabols_control.console.scene import SceneConfig, load_scene, scene_numbers
 from cabols_control.console.server import ConsoleServer, open_socket
+from cabols_control.console.view3d.foxglove_link import FoxgloveLink
+from cabols_control.console.view3d.scene import SceneConfig, load_scene, scene_numbers
 from cabols_control.errors import ConfigError
-from cabols_control.ros.console_calls import Calls
-from cabols_control.ros.console_feed import Feed
+from cabols_control.ros.console.calls import Calls
+from cabols_control.ros.console.feed import Feed
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.ticker import Ticker
+from cabols_control.ros.threads.ticker import Ticker
 
 PERIOD_S = 0.05
 HEARTBEAT_EVERY = 4

@@ -23,8 +23,8 @@ from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
-from cabols_control.ros.pause import pause
-from cabols_control.ros.ticker import Ticker
+from cabols_control.ros.threads.pause import pause
+from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 

@@ -9,13 +9,13 @@ from typing import Any
 from visualization_msgs.msg import Marker, MarkerArray
 
 from cabols_control.console.latest import LatestValues
-from cabols_control.console.scene import load_scene
-from cabols_control.console.shapes import CYLINDER, Shape, rig_shapes
-from cabols_control.ros.console_feed import Feed
+from cabols_control.console.view3d.scene import load_scene
+from cabols_control.console.view3d.shapes import CYLINDER, Shape, rig_shapes
+from cabols_control.ros.console.feed import Feed
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.ticker import Ticker
+from cabols_control.ros.threads.ticker import Ticker
 
 PERIOD_S = 0.1
 

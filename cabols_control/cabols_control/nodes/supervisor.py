@@ -19,7 +19,7 @@ from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.ticker import Ticker
+from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.supervision.faults import Fault, FaultName, fault_name
 from cabols_control.supervision.modes import MOVING, Entry, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog

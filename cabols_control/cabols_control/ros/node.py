@@ -23,11 +23,8 @@ from cabols_control.realtime.scheduling import (
     give_back,
 )
 from cabols_control.ros import topics, transport
-from cabols_control.ros.diagnostics import Diagnostics, Health
-from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Output
-from cabols_control.ros.loop_log import LoopLog
 from cabols_control.ros.parameters import (
     declare,
     declare_lockstep,
@@ -35,7 +32,10 @@ from cabols_control.ros.parameters import (
     declare_rig_folder,
     declare_scheduling,
 )
-from cabols_control.ros.statistics import Durations
+from cabols_control.ros.status.diagnostics import Diagnostics, Health
+from cabols_control.ros.status.loop_log import LoopLog
+from cabols_control.ros.status.statistics import Durations
+from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.faults import Fault
 from cabols_control.topics import NAMESPACE
 

@@ -21,7 +21,7 @@ from cabols_control.errors import ConfigError
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
-from cabols_control.ros.pause import pause
+from cabols_control.ros.threads.pause import pause
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations

@@ -14,9 +14,9 @@ from sensor_msgs.msg import JointState
 from cabols_control.checks import finite_array
 from cabols_control.naming import number
 from cabols_control.ros import topics
-from cabols_control.ros.guarded_thread import GuardedThread
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
+from cabols_control.ros.threads.guarded_thread import GuardedThread
 from cabols_control.rotations import pose_matrix
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
 from cabols_control.supervision.faults import Fault, FaultName

@@ -24,8 +24,8 @@ from cabols_control.kinematics import structure_matrix
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_row
-from cabols_control.ros.pause import pause
 from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.threads.pause import pause
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.analysis.bag import read_loads

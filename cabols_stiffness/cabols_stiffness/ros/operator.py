@@ -11,8 +11,8 @@ from cabols_msgs.action import MeasureReflector, MoveToConfiguration
 from cabols_msgs.srv import SetMode
 from rclpy.action import ActionClient
 
-from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.node import ControlNode
+from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.ros.intake import Intake

@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from cabols_control.console.latest import LatestValues
 from cabols_control.ros import transport
-from cabols_control.ros.console_calls import Calls
+from cabols_control.ros.console.calls import Calls
 from graph_harness import next_environment
 
 pytestmark = pytest.mark.ros

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from cabols_control.ros.executor_thread import hand_over
+from cabols_control.ros.threads.executor_thread import hand_over
 
 SERVICES: dict[str, Any] = {
     "set_mode": SetMode,

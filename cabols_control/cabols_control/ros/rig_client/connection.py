@@ -14,11 +14,11 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from cabols_control.ros import transport
-from cabols_control.ros.executor_thread import hand_over
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.rig_client.calls import RigCalls
 from cabols_control.ros.rig_client.errors import AbandonedError, RigFaultError, RigTimeoutError
+from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.topics import LIVE, NAMESPACE, Quality, topic_row
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rclpy.context import Context
 
-from cabols_control.ros.guarded_thread import GuardedThread
+from cabols_control.ros.threads.guarded_thread import GuardedThread
 
 
 class Ticker(GuardedThread):

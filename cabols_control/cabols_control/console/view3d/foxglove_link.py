@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cabols_control.console.scene import SceneConfig
-from cabols_control.console.shapes import CYLINDER, Shape, rig_shapes
+from cabols_control.console.view3d.scene import SceneConfig
+from cabols_control.console.view3d.shapes import CYLINDER, Shape, rig_shapes
 from cabols_control.errors import ConfigError
 from cabols_control.rig import Rig
 

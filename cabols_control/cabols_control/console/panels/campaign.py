@@ -11,11 +11,11 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cabols_control.console.dispatcher import Answer
+from cabols_control.console.panels.rig import activity, button, enable, mode_of
 from cabols_control.console.reports import REPORT, finished
-from cabols_control.console.rig_panels import activity, button, enable, mode_of
 
 if TYPE_CHECKING:
-    from cabols_control.console.page_context import PageContext
+    from cabols_control.console.panels.context import PageContext
 
 ACTION = "run_stiffness_test"
 LOOK_S = 2.0

@@ -12,7 +12,7 @@ from cabols_control.naming import configuration_name, limb_name, reflector_name
 from cabols_control.supervision.modes import OperatingMode
 
 if TYPE_CHECKING:
-    from cabols_control.console.page_context import PageContext
+    from cabols_control.console.panels.context import PageContext
 
 ASKED = (
     (OperatingMode.FREE_MOVING, "Free-move"),

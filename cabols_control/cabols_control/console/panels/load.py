@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 from nicegui import events, ui
 
 from cabols_control.console.latest import NOTICE, WARNING
+from cabols_control.console.panels.rig import activity, button, enable, mode_of
 from cabols_control.console.preview import preview_svg
-from cabols_control.console.rig_panels import activity, button, enable, mode_of
 from cabols_control.console.uploads import UPLOAD_BYTES, keep_upload, program_choices
 from cabols_control.errors import CabolsError
 
 if TYPE_CHECKING:
-    from cabols_control.console.page_context import PageContext
+    from cabols_control.console.panels.context import PageContext
 
 
 class LoadPanel:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from cabols_control.ros.executor_thread import hand_over
+from cabols_control.ros.threads.executor_thread import hand_over
 
 
 class LoopLog:

@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass as config_dataclass
 
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.configuration import STRICT, load_config
-from cabols_control.console.arm import read_arm
+from cabols_control.console.view3d.arm import read_arm
 from cabols_control.errors import ConfigError
 from cabols_control.frames import load_frames
 from cabols_control.rig import Rig

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.console.scene import SceneConfig, joint_points
+from cabols_control.console.view3d.scene import SceneConfig, joint_points
 from cabols_control.rig import Rig
 from cabols_control.rotations import pose_matrix
 

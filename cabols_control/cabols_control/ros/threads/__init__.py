@@ -1,0 +1,1 @@
+"""Threads of a node beside its executor, and work handed to it."""
