@@ -7,16 +7,12 @@ import sys
 
 import numpy as np
 
-from cabols_control.configuration import load_config
 from cabols_control.rig import load_rig
-from cabols_control.rig_folder import rig_file
-from cabols_hw.card.config import CardConfig
+from cabols_hw.card.config import load_card
 from cabols_sim.plant.closed_loop import simulate
-from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.config import load_plant
 
-rig = load_rig()
-card = load_config(CardConfig, rig_file("card.yaml"))
-plant = load_config(PlantConfig, rig_file("plant.yaml"))
+rig, card, plant = load_rig(), load_card(), load_plant()
 setpoint = np.zeros((3000, 6))  # one row for each millisecond
 setpoint[500:, 2], setpoint[500:, 5] = 40.0, 3.0  # 40 N up, 3 N m about z
 trace = simulate(rig, card, plant, setpoint, seed=1)

@@ -59,8 +59,18 @@ def missing_pages(index_page, index):
     return sorted(path.name for path in pages if path.resolve() not in named)
 
 
+def too_long(text):
+    """Whether the README is longer than a newcomer reads."""
+    return len(text.splitlines()) > README_LINES
+
+
 def test_readme_is_short():
-    assert len((ROOT / "README.md").read_text().splitlines()) <= README_LINES
+    assert not too_long((ROOT / "README.md").read_text())
+
+
+def test_a_long_readme_is_found():
+    assert too_long("line\n" * (README_LINES + 1))
+    assert not too_long("line\n" * README_LINES)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -103,36 +113,68 @@ def test_a_page_that_the_index_misses_is_found():
     assert missing_pages(index, index.read_text().replace("(glossary.md)", "()")) == ["glossary.md"]
 
 
-def test_citation_is_valid():
-    """The keys that the format demands, a version that is the packages', the licence's name."""
-    found = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert {"cff-version", "message", "title", "authors"} <= set(found)
-    assert found["cff-version"] == "1.2.0"
-    assert found["type"] in {"software", "dataset"}
-    assert found["license"] == "Apache-2.0"
-    assert found["authors"] == [{"name": "The cabols maintainers"}]
+def citation_faults(found, version):
+    """What CITATION.cff lacks of the format's demands, or says otherwise than the packages."""
+    expected = {
+        "cff-version": "1.2.0",
+        "type": "software",
+        "license": "Apache-2.0",
+        "version": version,
+        "authors": [{"name": "The cabols maintainers"}],
+    }
+    wrong = [key for key, value in expected.items() if found.get(key) != value]
+    return wrong + [key for key in ("message", "title") if not isinstance(found.get(key), str)]
+
+
+def package_version():
     manifest = (ROOT / "cabols_msgs" / "package.xml").read_text()
-    assert f"<version>{found['version']}</version>" in manifest
+    return re.search(r"<version>(.*)</version>", manifest)[1]
+
+
+def test_citation_is_valid():
+    found = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation_faults(found, package_version()) == []
+
+
+def test_a_citation_of_another_version_or_without_title_is_found():
+    found = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    del found["title"]
+    assert citation_faults({**found, "version": "9.9.9"}, "0.1.0") == ["version", "title"]
+
+
+def changelog_faults(text):
+    """What is not of the form of Keep a Changelog: order of versions, kinds of changes."""
+    versions = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    wrong = [] if versions[:1] == ["Unreleased"] else ["Unreleased is not first"]
+    wrong += [v for v in versions[1:] if not re.match(r"\d+\.\d+\.\d+( |$)", v)]
+    kinds = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+    return wrong + [k for k in re.findall(r"^### (.*)$", text, re.MULTILINE) if k not in kinds]
 
 
 def test_changelog_keeps_its_form():
-    """Keep a Changelog: versions newest first, with kinds of changes that it knows."""
-    text = (ROOT / "CHANGELOG.md").read_text()
-    versions = re.findall(r"^## (.*)$", text, re.MULTILINE)
-    assert versions[0] == "Unreleased"
-    assert all(re.match(r"\d+\.\d+\.\d+", version) for version in versions[1:])
-    kinds = set(re.findall(r"^### (.*)$", text, re.MULTILINE))
-    assert kinds <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+    assert changelog_faults((ROOT / "CHANGELOG.md").read_text()) == []
 
 
-def test_a_key_of_the_literature_is_in_the_references():
-    listed = set(KEY.findall((ROOT / "docs" / "references.md").read_text()))
-    assert "BZB" in listed
-    used = {
-        key
-        for page in PAGES
-        if page.name != "references.md"
-        for key in KEY.findall(FENCE.sub("", page.read_text()))
-        if re.search(r"\d|BZB|SNB", key)
-    }
-    assert used <= listed
+def test_a_changelog_of_another_form_is_found():
+    text = "## 0.2.0\n### News\n## soon\n### Fixed\n"
+    assert changelog_faults(text) == ["Unreleased is not first", "soon", "News"]
+
+
+def unlisted_keys(text, listed):
+    """Keys of the literature that a page uses and the references do not list."""
+    found = {key for key in KEY.findall(FENCE.sub("", text)) if re.search(r"\d|BZB|SNB", key)}
+    return sorted(found - listed)
+
+
+@pytest.fixture(scope="module")
+def listed():
+    return set(KEY.findall((ROOT / "docs" / "references.md").read_text()))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_key_of_the_literature_is_in_the_references(page, listed):
+    assert unlisted_keys(page.read_text(), listed) == []
+
+
+def test_a_key_that_is_not_listed_is_found(listed):
+    assert unlisted_keys("as [BZB] says, unlike [XYZ99]", listed) == ["XYZ99"]

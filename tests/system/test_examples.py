@@ -65,6 +65,12 @@ def run(name, monkeypatch, capsys, *arguments):
     return capsys.readouterr().out
 
 
+def faults(text):
+    """What keeps a script from being an example."""
+    long = ["long"] if len(text.splitlines()) > LINES else []
+    return long + ([] if text.startswith('"""') else ["says nothing"])
+
+
 def numbers(text):
     return [float(found) for found in re.findall(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?", text)]
 
@@ -77,9 +83,11 @@ def test_there_is_a_row_for_every_example():
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
 def test_every_example_is_short_and_says_what_it_does(path):
-    text = path.read_text()
-    assert len(text.splitlines()) <= LINES
-    assert text.startswith('"""')
+    assert faults(path.read_text()) == []
+
+
+def test_a_long_example_without_a_word_is_found():
+    assert faults("x = 1\n" * 41) == ["long", "says nothing"]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Commands in README and pages: each is known, names what exists, and runs when it is followed."""
 
-import sys
+import shlex
 
 import pytest
 
@@ -81,19 +81,18 @@ def test_ros2_run_becomes_the_executable():
     assert command.words == [".venv/lib/cabols_sim/demo", "--plain"]
 
 
-def python(code, action):
-    return follow_docs.Command("p", f'{sys.executable} -c "{code}"', action, "")
-
-
-def test_outcomes(tmp_path, monkeypatch):
-    monkeypatch.setitem(follow_docs.PATIENCE_S, SERVE, 2.0)
-
-    def result(code, action):
-        return follow_docs.follow(python(code, action), tmp_path).result
-
-    assert result("print(1)", RUN) == "passed"
-    assert result("raise SystemExit(1)", RUN) == "failed"
-    assert result("print(1)", SERVE) == "failed", "a server that ends by itself"
-    assert result("import time; time.sleep(60)", SERVE) == "failed", "a traceback at Ctrl-C"
-    patient = "import signal, sys; signal.signal(2, lambda *_: sys.exit(0)); signal.pause()"
-    assert result(patient, SERVE) == "passed"
+@pytest.mark.parametrize(
+    ("script", "action", "result"),
+    [
+        ("echo done", RUN, "passed"),
+        ("exit 1", RUN, "failed"),
+        ("echo done", SERVE, "failed"),  # a server that ends by itself
+        ("trap 'exit 0' INT; while :; do sleep 1; done", SERVE, "passed"),
+        ("trap 'echo Traceback; exit 0' INT; while :; do sleep 1; done", SERVE, "failed"),
+        ("trap 'exit 3' INT; while :; do sleep 1; done", SERVE, "failed"),
+    ],
+)
+def test_what_becomes_of_a_command(script, action, result, tmp_path, monkeypatch):
+    monkeypatch.setitem(follow_docs.PATIENCE_S, SERVE, 5.0)
+    command = follow_docs.Command("p", f"sh -c {shlex.quote(script)}", action, "")
+    assert follow_docs.follow(command, tmp_path).result == result
