@@ -147,19 +147,7 @@ def capacity_loop(
             )
             if task.platform_axes:
                 to_platform_axes(matrix, rotations[o])
-            capacity_at(
-                matrix,
-                task.low,
-                task.high,
-                task.weights,
-                task.points,
-                task.generators,
-                work,
-                products,
-                normals,
-                scaled,
-                results[k, o],
-            )
+            capacity_at(task, matrix, work, products, normals, scaled, results[k, o])
 
 
 def capacity_scratch(task: CapacityTask) -> tuple[FloatArray, FloatArray]:

@@ -17,6 +17,7 @@ and c = pinv(A)^T y: a few dozen multiplications for each of the 56 pairs of fac
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -334,12 +335,8 @@ def capacity_of_matrix(
 
 @compiled
 def capacity_at(
+    task: Any,
     matrix: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    weights: FloatArray,
-    points: FloatArray,
-    generators: FloatArray,
     work: FloatArray,
     products: FloatArray,
     normals: FloatArray,
@@ -349,12 +346,10 @@ def capacity_at(
     """Result for one pose of a rig in space: the fast way where it applies, else the general.
 
     Args:
+        task: CapacityTask: limits low and high (n,) of the tensions [N], weights (6,) of the
+            wrench components; points (q, 6) and generators (p, 6) of the required set, times the
+            weights.
         matrix: (6, n) structure matrix.
-        low: (n,) least tensions [N].
-        high: (n,) largest tensions [N].
-        weights: (6,) of the wrench components.
-        points: (q, 6) of the required set, times the weights.
-        generators: (p, 6) of it, times the weights.
         work: (work_size(n),) scratch.
         products: (n, q + p + n) scratch.
         normals: (C(n, 5), 6) scratch.
@@ -365,11 +360,11 @@ def capacity_at(
             tensions of 0 to 1 can give; then scratch.
     """
     n = matrix.shape[1]
-    ready = prepare_pose(matrix, low, high, weights, work) == 0
+    ready = prepare_pose(matrix, task.low, task.high, task.weights, work) == 0
     if ready and n <= 8 and work[TOLERANCE] <= WELL_CONDITIONED * work[SCALE]:
-        capacity_of_prepared(work, points, generators, products, out)
+        capacity_of_prepared(work, task.points, task.generators, products, out)
         return
     for k in range(6):
         for i in range(n):
-            scaled[k, i] = weights[k] * matrix[k, i]
-    capacity_of_matrix(scaled, low, high, points, generators, normals, out)
+            scaled[k, i] = task.weights[k] * matrix[k, i]
+    capacity_of_matrix(scaled, task.low, task.high, task.points, task.generators, normals, out)

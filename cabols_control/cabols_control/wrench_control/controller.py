@@ -46,8 +46,6 @@ class WrenchController:
 
     Attributes:
         tension: (n,) newest output [N].
-        control: (6,) newest u of (3.17) [N, N m].
-        residual: (6,) wrench of tension minus control [N, N m].
         desired: (6,) desired wrench in force [N, N m].
         active: whether a load is commanded.
         feasible: whether the newest control was feasible.
@@ -75,8 +73,6 @@ class WrenchController:
         self._last_stamp = -np.inf
         self._bad_samples = 0
         self.tension = np.zeros(n)
-        self.control = self._law.control
-        self.residual = self._law.residual
         self.desired = np.zeros(6)
         self.active = False
         self.feasible = True
@@ -85,6 +81,16 @@ class WrenchController:
         self.notice: Fault | None = None
         geometry = rig.geometry
         self.set_pose(geometry.reference_position, geometry.reference_rotation)
+
+    @property
+    def control(self) -> FloatArray:
+        """(6,) newest u of (3.17) [N, N m]; a view."""
+        return self._law.control
+
+    @property
+    def residual(self) -> FloatArray:
+        """(6,) wrench of tension minus control [N, N m]; a view."""
+        return self._law.residual
 
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
         """Take the platform's pose, (3,) [m] and (3, 3), base frame; costs one decomposition.

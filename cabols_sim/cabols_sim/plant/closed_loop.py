@@ -19,7 +19,7 @@ from cabols_control.limb_control.records import limb_records
 from cabols_control.rig import Rig
 from cabols_control.tension import DEFAULT_WEIGHTS, prepare_pose, set_method, work_size
 from cabols_control.tension.kernels.work_array import SHARE
-from cabols_control.wrench_control.law import wrench_law_into
+from cabols_control.wrench_control.law import wrench_law_into, wrench_law_work
 from cabols_hw.bridge.scaling import quantise, wrench_into
 from cabols_hw.card.config import CardConfig
 from cabols_sim.dynamics.vibration import VibrationModel
@@ -85,8 +85,7 @@ class _Sensors(NamedTuple):
 class _Control(NamedTuple):
     matrix: FloatArray
     work: FloatArray
-    proportional: float
-    integral: float
+    law: Any
     limbs: Any
     stiffness: float
     zero: FloatArray
@@ -116,8 +115,8 @@ def _run(
     n = limbs.parameters.shape[0]
     true, measured = np.zeros(6), np.zeros(6)
     volts, tared = np.zeros(6), np.zeros(6)
-    accumulated, u, residual = np.zeros(6), np.zeros(6), np.zeros(6)
-    command, elongation, current = np.zeros(n), np.zeros(n), np.zeros(n)
+    law, elongation, current = control.law[0], np.zeros(n), np.zeros(n)
+    accumulated, command = law["accumulated"][:], law["tension"][:]
     first, change, swing, at_rest = np.zeros(6), np.zeros(6), np.zeros(12), limbs.length.copy()
     cable_wrench(control.matrix, limbs.tension, first)
     dt_s = PERIOD_S / limbs.substeps
@@ -142,23 +141,12 @@ def _run(
             for i in range(n):
                 control.limbs[i]["last_position"] = elongation[i]
             for row in range(6):
-                tared[row] = measured[row] - control.proportional * (
-                    desired[0, row] - measured[row]
-                )
+                tared[row] = measured[row] - law["proportional"] * (desired[0, row] - measured[row])
             accumulated[:] = tared
         # The controllers.
         control.work[SHARE] = min((k + 1) * PERIOD_S / control.fade, 1.0)
         record.status[k] = wrench_law_into(
-            control.proportional,
-            control.integral,
-            desired[k],
-            measured,
-            PERIOD_S,
-            control.work,
-            accumulated,
-            u,
-            command,
-            residual,
+            control.law, desired[k], measured, PERIOD_S, control.work
         )
         for i in range(n):
             estimate = control.stiffness * elongation[i]
@@ -280,8 +268,7 @@ def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
     return _Control(
         matrix,
         work,
-        rig.gains.proportional,
-        rig.gains.integral,
+        wrench_law_work(rig.gains.proportional, rig.gains.integral, n),
         limb_records(rig.gains.limbs),
         rig.limbs.stiffness,
         zero,

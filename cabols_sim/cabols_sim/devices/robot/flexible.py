@@ -77,15 +77,15 @@ def joint_deflection(
     return x
 
 
+JointTables = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+
 @njit(cache=True)
 def deflect_into(
     jacobian: FloatArray,
     wrench: FloatArray,
     share: float,
-    linear: FloatArray,
-    cubic: FloatArray,
-    stiffness: FloatArray,
-    friction: FloatArray,
+    tables: JointTables,
     slip: FloatArray,
     deflection: FloatArray,
 ) -> None:
@@ -95,13 +95,13 @@ def deflect_into(
         jacobian: (6, 6) at the platform's origin, of the deflected arm.
         wrench: (6,) on the platform, base axes [N, N m].
         share: 0 to 1, of the way in this step; 1: at once.
-        linear: (6,) [N m/rad].
-        cubic: (6,) [N m/rad^3].
-        stiffness: (6, ELEMENTS) of the sliders' springs [N m/rad].
-        friction: (6, ELEMENTS) at which they give [N m].
+        tables: of the joints: linear (6,) [N m/rad], cubic (6,) [N m/rad^3]; of the sliders:
+            stiffness (6, ELEMENTS) of their springs [N m/rad], friction (6, ELEMENTS) at which
+            they give [N m].
         slip: (6, ELEMENTS) where they stand [rad]; updated.
         deflection: (6,) [rad]; updated.
     """
+    linear, cubic, stiffness, friction = tables
     for j in range(6):
         torque = 0.0
         for i in range(6):
@@ -177,9 +177,9 @@ class FlexibleJoints:
     def step(self, jacobian: FloatArray, wrench: FloatArray, dt_s: float) -> None:
         """Advance by dt_s under a (6,) wrench with the (6, 6) Jacobian of the deflected arm."""
         share = 1.0 - np.exp(-dt_s / self.lag_s)
-        deflect_into(jacobian, wrench, share, *self.tables, self.slip, self.deflection)
+        deflect_into(jacobian, wrench, share, self.tables, self.slip, self.deflection)
 
     @property
-    def tables(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def tables(self) -> JointTables:
         """Parameters for deflect_into."""
         return self.linear, self.cubic, self.stiffness, self.friction

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_hw.abb.configurations import RobotConfigurations, load_configurations
-from cabols_sim.devices.robot.flexible import deflect_into
+from cabols_sim.devices.robot.flexible import JointTables, deflect_into
 from cabols_sim.devices.robot.kinematics import Arm, kinematics_into
 from cabols_sim.devices.robot.robot_config import RobotConfig, load_robot_truth
 from cabols_sim.devices.robot.trajectory import Motion, duration_s
@@ -26,26 +26,34 @@ def _settle_into(
     wrench: FloatArray,
     share: float,
     frames: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    tables: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    slip: FloatArray,
-    deflection: FloatArray,
-    placed: FloatArray,
-    position: FloatArray,
-    rotation: FloatArray,
-    jacobian: FloatArray,
+    tables: JointTables,
+    memory: tuple[FloatArray, FloatArray],
+    placement: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> bool:
-    """Deflect the joints and place the platform; return whether it has moved."""
-    linear, cubic, stiffness, friction = tables
-    deflect_into(jacobian, wrench, share, linear, cubic, stiffness, friction, slip, deflection)
+    """Deflect the joints and place the platform; return whether it has moved.
+
+    Args:
+        encoders: (6,) angles on the motors' side [rad].
+        wrench: (6,) on the platform, base axes [N, N m].
+        share: of the way to the balance in this step.
+        frames: of the arm, as kinematics_into takes them.
+        tables: of the joints, as deflect_into takes them.
+        memory: slip and deflection of the joints; updated.
+        placement: true joints, the platform's position and rotation, jacobian; updated.
+    """
+    slip, deflection = memory
+    joints, position, rotation, jacobian = placement
+    deflect_into(jacobian, wrench, share, tables, slip, deflection)
     moved = 0.0
     for j in range(6):
-        moved = max(moved, abs(encoders[j] + deflection[j] - placed[j]))
+        moved = max(moved, abs(encoders[j] + deflection[j] - joints[j]))
     if moved < STILL_RAD:
         return False
     for j in range(6):
-        placed[j] = encoders[j] + deflection[j]
+        joints[j] = encoders[j] + deflection[j]
+    origins, turns, tool_position, tool_rotation = frames
     kinematics_into(
-        placed, frames[0], frames[1], frames[2], frames[3], position, rotation, jacobian
+        joints, origins, turns, tool_position, tool_rotation, position, rotation, jacobian
     )
     return True
 
@@ -165,12 +173,8 @@ class RobotTarget:
             share,
             self._frames,
             self._tables,
-            self._flexible.slip,
-            self._flexible.deflection,
-            self.joints,
-            self.position,
-            self.rotation,
-            self.jacobian,
+            (self._flexible.slip, self._flexible.deflection),
+            (self.joints, self.position, self.rotation, self.jacobian),
         )
         return moved
 
