@@ -10,10 +10,13 @@ from cabols_control.checks import FloatArray
 
 UNIT_TOLERANCE = 1e-3
 """How far the length of a received quaternion may be from 1."""
-_CROSS = np.zeros((3, 9))
-_CROSS[0, 5], _CROSS[0, 7] = -1.0, 1.0
-_CROSS[1, 2], _CROSS[1, 6] = 1.0, -1.0
-_CROSS[2, 1], _CROSS[2, 3] = -1.0, 1.0
+_CROSS = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0],
+        [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    ]
+)
 """Row i: the matrix of the cross product with unit vector i, row by row."""
 
 

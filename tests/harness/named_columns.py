@@ -16,14 +16,14 @@ LAST_AXIS = 5
 COMPILERS = {"njit", "jit", "compiled", "vectorised"}
 WRENCHES = {
     "wrench", "turned", "measured", "control", "tared", "bias", "load", "accumulated", "residual",
-    "matrix", "jacobian", "q",
+    "matrix", "jacobian", "q", "desired",
 }  # fmt: skip
 """Vectors (6,) of force and torque, or matrices with such rows: 3 to 5 are the torque's axes."""
 COORDINATES = {
     "points", "corners", "position", "positions", "base_points", "platform_points", "directions",
-    "keys", "quad", "lone",
+    "keys", "lone", "coordinates",
 }  # fmt: skip
-"""Arrays (k, 3), or of places in a grid: columns are x, y, z."""
+"""Arrays (k, 3), of places in a grid, or of planar coordinates: columns are x, y, z."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ def _is_numbered(node: ast.Subscript) -> bool:
         isinstance(parts[0], ast.Constant) and parts[0].value is Ellipsis
     )
     column = len(parts) > 1 and whole and any(index is not None for index in indices[1:])
-    return column and name not in COORDINATES | WRENCHES
+    # What a call returns has no name; its only column is no column of a table.
+    return column and bool(name) and name not in COORDINATES | WRENCHES
 
 
 def numbered_columns(source: str) -> list[Finding]:

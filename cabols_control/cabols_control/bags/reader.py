@@ -222,8 +222,8 @@ def _drain(channels: dict[str, _Channel]) -> dict[str, dict[str, Column]]:
         if channel.raws:
             found[name] = _decode(name, channel)
             if channel.times:
-                times = np.array(channel.times, np.int64)
-                found[name].update({LOG_TIME: times[:, 0], PUBLISH_TIME: times[:, 1]})
+                log_time, publish_time, *_ = np.array(channel.times, np.int64).T
+                found[name].update({LOG_TIME: log_time, PUBLISH_TIME: publish_time})
             channel.raws, channel.times = [], []
     return found
 
@@ -353,7 +353,7 @@ def _decode(name: str, channel: _Channel) -> dict[str, Column]:
 
 def _series(name: str, channel: _Channel, start_ns: int) -> Series:
     columns = _decode(name, channel)
-    times = np.array(channel.times, np.int64).reshape(-1, 3)
+    log_time, publish_time, sequence = np.array(channel.times, np.int64).reshape(-1, 3).T
     headed = f"{HEADER_STAMP}.sec" in columns
     stamp_ns = column_ns(columns) if headed else np.zeros(0, np.int64)
     stamp: npt.NDArray[np.float64] = np.multiply(1e-9, stamp_ns - start_ns)
@@ -362,9 +362,9 @@ def _series(name: str, channel: _Channel, start_ns: int) -> Series:
     return Series(
         topic=name,
         type_name=channel.type_name,
-        log_time_ns=np.ascontiguousarray(times[:, 0]),
-        publish_time_ns=np.ascontiguousarray(times[:, 1]),
-        sequence=np.ascontiguousarray(times[:, 2]),
+        log_time_ns=np.ascontiguousarray(log_time),
+        publish_time_ns=np.ascontiguousarray(publish_time),
+        sequence=np.ascontiguousarray(sequence),
         stamp_ns=stamp_ns,
         stamp=stamp,
         _columns=columns,

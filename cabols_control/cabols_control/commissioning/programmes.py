@@ -111,23 +111,24 @@ class Programme:
         self._tension_max = tension_max
         self._began_s = self._phase_s = self._now_s = 0.0
         self._recording = False
-        self._row = np.zeros(len(COLUMNS))
-        self._data = np.zeros((round(1000.0 * config.timeout) + 1, len(COLUMNS)))
+        dtype = [(name, np.float64) for name in COLUMNS]
+        self._row = np.zeros(1, dtype)
+        self._data = np.zeros(round(1000.0 * config.timeout) + 1, dtype)
         self._rows = 0
 
     @property
     def record(self) -> dict[str, FloatArray]:
         """Arrays of (k,) by the names of COLUMNS, SI units; time from the record's start."""
         data = self._data[: self._rows]
-        found = {name: data[:, i].copy() for i, name in enumerate(COLUMNS)}
+        found = {name: data[name].copy() for name in COLUMNS}
         if self._rows:
-            found["time"] -= data[0, 0]
+            found["time"] -= data["time"][0]
         return found
 
     @property
     def record_start_s(self) -> float:
         """Stamp of the record's first sample [s]; NaN if there is none."""
-        return float(self._data[0, 0]) if self._rows else float("nan")
+        return float(self._data["time"][0]) if self._rows else float("nan")
 
     def step(self, sample: LimbSample) -> tuple[int, float]:
         """Return the limb's ControlKind and its value for one sample."""
@@ -136,8 +137,8 @@ class Programme:
         tension, zeroed = float(sample.tension[limb]), bool(sample.zeroed[limb])
         closed = bool(sample.switch_closed[limb])
         row = self._row
-        row[0], row[2], row[4] = now_s, wound, tension
-        row[3] = sample.elongation[limb]
+        row["time"], row["wound_length"], row["tension"] = now_s, wound, tension
+        row["elongation"] = sample.elongation[limb]
         self._now_s = now_s
         if not self.started:
             self.started = True
@@ -165,8 +166,8 @@ class Programme:
     def take(self, current: float) -> None:
         """Record the newest sample with the current that answers it [A]."""
         if self._recording and not self.done and self._rows < self._data.shape[0]:
-            self._row[1] = current
-            self._data[self._rows] = self._row
+            self._row["current"] = current
+            self._data[self._rows] = self._row[0]
             self._rows += 1
 
     def abort(self, reason: str) -> None:
@@ -316,21 +317,21 @@ class RampProgramme(Programme):
         times[times == 0.0] = SETTLE_S
         self._corners = corners
         self._times = np.concatenate([[0.0], np.cumsum(times)])
-        self._wrenches = np.zeros((self._data.shape[0], 7))
+        self._wrenches = np.zeros((self._data.size, 6))
+        self._wrench_times = np.zeros(self._data.size)
         self._wrench_rows = 0
 
     @property
     def wrench(self) -> tuple[FloatArray, FloatArray]:
         """(k,) stamps [s] and (k, 6) wrenches [N, N m] taken during the ramp."""
-        taken = self._wrenches[: self._wrench_rows]
-        return taken[:, 0].copy(), taken[:, 1:].copy()
+        taken = slice(self._wrench_rows)
+        return self._wrench_times[taken].copy(), self._wrenches[taken].copy()
 
     def take_wrench(self, stamp_s: float, wrench: FloatArray) -> None:
         """Record one (6,) wrench on the platform, platform axes [N, N m]."""
         row = self._wrench_rows
         if self._recording and not self.done and row < self._wrenches.shape[0]:
-            self._wrenches[row, 0] = stamp_s
-            self._wrenches[row, 1:] = wrench
+            self._wrench_times[row], self._wrenches[row] = stamp_s, wrench
             self._wrench_rows = row + 1
 
     @property

@@ -163,9 +163,10 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
             raise ConfigError(f"{source}, line {number}: expected 7 finite numbers, got {row}")
         values.append(numbers)
     table = np.array(values, dtype=np.float64).reshape(-1, len(CSV_HEADER))
-    if table.shape[0] < 2 or table[0, 0] != 0.0 or not np.diff(table[:, 0]).min() > 0.0:
+    time, *_ = table.T
+    if time.size < 2 or time[0] != 0.0 or not np.diff(time).min() > 0.0:
         raise ConfigError(f"{source}: expected at least two lines, time from 0 and increasing")
-    return LoadProgram(name, table[:, 0].copy(), table[:, 1:].copy(), False)
+    return LoadProgram(name, time.copy(), table[:, 1:].copy(), False)
 
 
 def load_program(name: str) -> LoadProgram:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from cabols_msgs.action import CommissionLimb
+from numpy.lib.recfunctions import structured_to_unstructured
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -165,16 +166,16 @@ class Tool:
 
 def _step_of(rows: np.ndarray) -> dict[str, np.ndarray] | None:
     """Trace from just before the step's current to the end of the coasting."""
-    moving = np.isin(rows[:, 0], [PHASES.index(name) for name in ("step", "coast", "brake")])
+    moving = np.isin(rows["phase"], [PHASES.index(name) for name in ("step", "coast", "brake")])
     if moving.sum() < 100:
         return None
     first, last = np.flatnonzero(moving)[[0, -1]]
     part = rows[max(first - 200, 0) : last + 1]
     # A row's current was on the motor until then; the model needs the current from then on.
     record = {
-        "time": part[:-1, 1] - part[0, 1],
-        "current": part[1:, 2],
-        "wound_length": part[:-1, 3],
+        "time": part["time"][:-1] - part["time"][0],
+        "current": part["current"][1:],
+        "wound_length": part["wound_length"][:-1],
     }
     found = evaluate_step(record)
     record["modelled"] = modelled_step(*record.values(), found.model, found.friction)
@@ -182,17 +183,17 @@ def _step_of(rows: np.ndarray) -> dict[str, np.ndarray] | None:
 
 
 def _ramp_of(rows: np.ndarray, rig: Rig, limb: int) -> dict[str, np.ndarray] | None:
-    part = rows[rows[:, 0] == PHASES.index("ramp")]
-    part = part[np.isfinite(part).all(axis=1)]
+    part = rows[rows["phase"] == PHASES.index("ramp")]
+    part = part[np.isfinite(structured_to_unstructured(part)).all(axis=1)]
     if part.shape[0] < 100:
         return None
     geometry = rig.geometry
     turn = geometry.reference_rotation
-    wrench = np.hstack([part[:, 6:9] @ turn.T, part[:, 9:12] @ turn.T])
+    wrench = np.hstack([part["wrench"][:, :3] @ turn.T, part["wrench"][:, 3:] @ turn.T])
     matrix = structure_matrix(geometry, geometry.reference_position, turn)
     change = wrench - wrench[:100].mean(axis=0)
     tension = cable_tension_by_wrench(matrix, limb, change, rig.control.rated)
-    return {"elongation": part[:, 4], "tension": part[:100, 5].mean() + tension}
+    return {"elongation": part["elongation"], "tension": part["tension"][:100].mean() + tension}
 
 
 def _arguments() -> argparse.Namespace:

@@ -7,12 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input, make_wait_set, wait_for
 
 IDLE_NS = 50_000_000
+ROW = np.dtype(
+    [
+        ("phase", np.float64),
+        ("time", np.float64),  # [s]
+        ("current", np.float64),  # [A]
+        ("wound_length", np.float64),  # [m]
+        ("elongation", np.float64),  # [m]
+        ("tension", np.float64),  # [N]
+        ("wrench", np.float64, (6,)),  # platform axes [N, N m]
+    ]
+)
 
 
 class LimbTrace:
@@ -27,7 +37,7 @@ class LimbTrace:
         self._stop = threading.Event()
         self._lock = threading.Lock()
         self._limb = -1
-        self._rows: list[list[float]] = []
+        self._rows: list[tuple] = []
         self._thread = threading.Thread(target=self._body, daemon=True)
         self.phase = 0
 
@@ -45,13 +55,10 @@ class LimbTrace:
         with self._lock:
             self._rows, self._limb, self.phase = [], limb, 0
 
-    def rows(self) -> FloatArray:
-        """(k, 12): phase, time [s], current [A], wound, elongation [m], tension [N], wrench.
-
-        The current of a row was on the motor until the row's time.
-        """
+    def rows(self) -> np.ndarray:
+        """(k,) records of ROW; the current of a row was on the motor until the row's time."""
         with self._lock:
-            return np.array(self._rows, dtype=np.float64).reshape(-1, 12)
+            return np.array(self._rows, dtype=ROW)
 
     def _body(self) -> None:
         while not self._stop.is_set():
@@ -66,4 +73,4 @@ class LimbTrace:
         names = ("current", "wound_length", "elongation", "tension")
         values = [float(state[name][limb]) for name in names]
         forces = [float("nan")] * 6 if wrench is None else wrench["wrench"].tolist()
-        self._rows.append([self.phase, 1e-9 * self._state.stamp_ns, *values, *forces])
+        self._rows.append((self.phase, 1e-9 * self._state.stamp_ns, *values, forces))

@@ -142,7 +142,7 @@ def draw_wrench(run: BenchRun) -> Figure:
     """Desired and measured wrench, as figure 3.11."""
     figure = new_figure(11.0, 7.0)
     grid = figure.subplots(3, 2, sharex=True)
-    panels = [*grid[:, 0], *grid[:, 1]]
+    panels = list(grid.T.ravel())
     for component, axes in enumerate(panels):
         _draw_wrench(axes, run, component)
     _share_scale(panels)

@@ -200,7 +200,7 @@ def capacity_along(
         capacity_loop(
             task, points[k : k + 1], turns[k : k + 1], scratch, normals, results[k : k + 1]
         )
-    return as_capacity(results[:, 0])
+    return as_capacity(results.reshape(-1, RESULTS))
 
 
 def as_capacity(results: FloatArray) -> Capacity:

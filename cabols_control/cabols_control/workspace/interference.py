@@ -237,7 +237,7 @@ def clearance_along(
     results, work = np.empty((points.shape[0], 1, 3)), clearance_work(task)
     for k in range(points.shape[0]):
         clearance_loop(task, points[k : k + 1], turns[k : k + 1], work, results[k : k + 1])
-    return Clearance(*np.moveaxis(results[:, 0], 1, 0))
+    return Clearance(*results.reshape(-1, 3).T)
 
 
 def free_turn(

@@ -66,8 +66,8 @@ def _triangles(inside: IndexArray, outside: IndexArray) -> list[IndexArray]:
     if i == 2:
         a, b = inside.T
         c, d = outside.T
-        quad = [np.stack(edge, axis=-1) for edge in ((a, c), (a, d), (b, d), (b, c))]
-        return [np.stack([quad[0], quad[1], quad[2]], 1), np.stack([quad[0], quad[2], quad[3]], 1)]
+        ac, ad, bd, bc = (np.stack(edge, axis=-1) for edge in ((a, c), (a, d), (b, d), (b, c)))
+        return [np.stack([ac, ad, bd], 1), np.stack([ac, bd, bc], 1)]
     lone, others = (inside, outside) if i == 1 else (outside, inside)
     edges = [
         np.stack([lone[:, 0], others[:, k]][:: 1 if i == 1 else -1], axis=-1) for k in range(3)

@@ -140,11 +140,11 @@ def identify_tool(matrix: ArrayLike, volts: ArrayLike, rotations: ArrayLike) -> 
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300) if blocks else np.ones(UNKNOWNS)
     scaled, _, rank, _ = np.linalg.lstsq(design / size, measured.ravel(), rcond=1e-3)
     values = np.asarray(scaled / size, dtype=np.float64)
-    mass = float(values[6])
+    bias, (mass, *moment) = values[:6], values[6:].tolist()
     if rank < UNKNOWNS or not mass > 0.0:
         raise OrientationsError(
             f"rotations: expected at least 3 that turn gravity about two axes, got {len(turned)} "
             f"that tell {rank} of {UNKNOWNS} unknowns, mass {mass:.3g} kg"
         )
     left = measured.ravel() - design @ values
-    return ToolTare(values[:6], mass, values[7:] / mass, float(np.sqrt(np.mean(left**2))))
+    return ToolTare(bias, mass, np.array(moment) / mass, float(np.sqrt(np.mean(left**2))))

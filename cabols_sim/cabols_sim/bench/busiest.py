@@ -24,7 +24,8 @@ def processor_seconds(proc: Path = PROC) -> dict[int, tuple[str, float]]:
             # The name stands in brackets and may hold brackets and blanks itself.
             name = text[text.index("(") + 1 : text.rindex(")")]
             rest = text[text.rindex(")") + 2 :].split()
-            found[int(folder.name)] = (name, (int(rest[11]) + int(rest[12])) / tick)
+            user, system = rest[11:13]
+            found[int(folder.name)] = (name, (int(user) + int(system)) / tick)
     return found
 
 

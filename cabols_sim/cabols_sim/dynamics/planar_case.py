@@ -123,8 +123,9 @@ def run_case(robot: CableRobot, motion: Motion, samples: int = 401) -> CaseRun:
     """Inverse dynamics (2.34) along a motion, and tensions (2.35) by redundancy resolution."""
     time = np.linspace(0.0, motion.duration_s, samples)
     rows = [_instant(robot, *motion.at(float(t))) for t in time]
-    x, force, stream, tension, length, rate = (np.array([row[k] for row in rows]) for k in range(6))
-    return CaseRun(time, x, force, stream, tension, length, rate, all(bool(row[6]) for row in rows))
+    *columns, feasible = zip(*rows, strict=True)
+    x, force, stream, tension, length, rate = map(np.array, columns)
+    return CaseRun(time, x, force, stream, tension, length, rate, all(map(bool, feasible)))
 
 
 def _instant(
@@ -171,6 +172,7 @@ def compare(reference: CaseRun, other: CaseRun, robot: CableRobot, motion: Motio
     moving = reference.force - _weights(robot, motion, reference.time)
     inertial = float(np.linalg.norm(moving[:, :2], axis=1).max())
     force = float(np.linalg.norm(apart[:, :2], axis=1).max())
+    *_, torque = apart.T
     tension = float(np.abs(other.tension - reference.tension).max())
     return Effect(
         density=float(robot.density[0]),
@@ -179,7 +181,7 @@ def compare(reference: CaseRun, other: CaseRun, robot: CableRobot, motion: Motio
         peak_rate=float(np.abs(reference.rate).max()),
         force=force,
         force_percent=100.0 * force / inertial,
-        torque=float(np.abs(apart[:, 2]).max()),
+        torque=float(np.abs(torque).max()),
         tension=tension,
         tension_percent=100.0 * tension / float(reference.tension.max()),
     )

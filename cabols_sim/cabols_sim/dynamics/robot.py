@@ -143,7 +143,7 @@ class CableRobot:
                 "use with_constant_mass"
             )
         flat = (self.base_points, self.platform_points, self.centre_of_mass, self.gravity)
-        if self.planar and any(np.any(array[..., 2] != 0.0) for array in flat):
+        if self.planar and any(np.any(points[..., 2] != 0.0) for points in flat):
             raise CabolsError("freedom: expected a planar robot in z = 0, got points beside it")
 
     def with_options(

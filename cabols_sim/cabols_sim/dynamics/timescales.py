@@ -91,7 +91,8 @@ def _assemble(gains: WrenchGains, inner: FloatArray, sensor: Sequence[FloatArray
     control[:, 18:24] += gains.integral * one
     matrix = np.zeros((24, 36))
     matrix[:6, 6:12] = matrix[6:12, 12:18] = one
-    matrix[12:18] = inner[3] * control
+    *_, leading = inner
+    matrix[12:18] = leading * control
     for power, column in ((3, 0), (2, 6), (1, 12)):
         matrix[12:18, column : column + 6] -= inner[power] * one
     matrix[18:24] = -reads
@@ -150,7 +151,7 @@ def split(
     scale = np.abs(halves)[:, None]
     rows, columns = linear_sum_assignment(np.abs(halves[:, None] - full[None, :]) / scale)
     partner = full[columns[np.argsort(rows)]]
-    dominant = np.sort(np.abs(slow))[5]
+    *_, dominant = np.sort(np.abs(slow))[:6]
     return Split(full, slow, partner[:24], fast, partner[24:], float(dominant / frequency.min()))
 
 

@@ -197,7 +197,8 @@ def _draw(
             xycoords="axes fraction",
             fontsize=10,
         )
-    for axes in grid[:, 0]:
+    left, *_ = grid.T
+    for axes in left:
         axes.set_ylabel("tension [N]")
     for axes in grid[1]:
         axes.set_xlabel("time [s]")

@@ -148,11 +148,12 @@ def draw_balance(motions: Mapping[str, Trajectory]) -> Figure:
         top, bottom = grid[:, column]
         scale = 1e-3
         potential = motion.potential - motion.potential[0]
+        by_winches, _, by_stream = motion.work.T
         for values, label, colour in (
             (motion.kinetic, "kinetic", "#1f77b4"),
             (potential, "potential, change", "#2ca02c"),
-            (motion.work[:, 0], "work of the winches", "#d95f02"),
-            (100.0 * motion.work[:, 2], "brought by the stream, x 100", "#6a3d9a"),
+            (by_winches, "work of the winches", "#d95f02"),
+            (100.0 * by_stream, "brought by the stream, x 100", "#6a3d9a"),
         ):
             top.plot(motion.time, scale * values, color=colour, label=label, lw=1.4)
         top.set_title(name, fontsize=11)

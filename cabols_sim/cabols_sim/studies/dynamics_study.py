@@ -108,11 +108,12 @@ def balances(output: Output) -> bool:
                 f"  {name:8} {kind:13} {motion.relative_imbalance:8.1e}   "
                 f"{linear:8.1e}   {angular:8.1e}"
             )
+            *_, by_stream = motion.work.T
             found[f"{name}, {kind}"] = {
                 "power_imbalance_relative": motion.relative_imbalance,
                 "linear_momentum_imbalance_relative": linear,
                 "angular_momentum_imbalance_relative": angular,
-                "stream_energy_j": float(np.abs(motion.work[:, 2]).max()),
+                "stream_energy_j": float(np.abs(by_stream).max()),
                 "kinetic_energy_max_j": float(motion.kinetic.max()),
             }
             if cable is MATERIAL:

@@ -98,7 +98,7 @@ def search(
     desired = program_samples(program)
 
     def cost(values: FloatArray) -> float:
-        poles, zero = [-float(v) for v in values[:4]], -float(values[4])
+        *poles, zero = (-float(value) for value in values)
         try:
             candidate = redesign(rig, poles, zero)
             lacking = _lacking_margins(candidate)
@@ -122,7 +122,8 @@ def search(
     bounds = [POLE_RANGE] * 4 + [ZERO_RANGE]
     options = {"maxiter": generations, "popsize": 8, "rng": seed, "polish": False}
     best = differential_evolution(cost, bounds, callback=tell, tol=1e-4, **options).x
-    poles, zero = sorted(-float(v) for v in best[:4])[::-1], -float(best[4])
+    *unsorted, zero = (-float(value) for value in best)
+    poles = sorted(unsorted)[::-1]
     chosen = redesign(rig, poles, zero)
     return poles, zero, judge(simulate(chosen, card, plant, desired), chosen)
 

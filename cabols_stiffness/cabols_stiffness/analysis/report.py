@@ -40,8 +40,8 @@ def write_report(
     script, divs = embed([*joints, *checked, *loads])
     header, rows = stiffness_table(study)
     failures = [
-        dict(zip(INDICES, map(str, failure[:3]), strict=True), what="failed", reason=failure[3])
-        for failure in source.failures
+        dict(zip(INDICES, map(str, at), strict=True), what="failed", reason=reason)
+        for *at, reason in source.failures
     ]
     where = f"{len(study.loads)} loads at {len(study.by_configuration)} configurations"
     text = render_page(

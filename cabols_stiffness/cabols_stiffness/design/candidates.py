@@ -181,7 +181,8 @@ def _reached(
             [position - posture.position[0], logarithm(rotation @ posture.rotation[0].T)]
         )
         if np.abs(error).max() < 1e-10:
-            inside = (joints >= robot.limits[:, 0]) & (joints <= robot.limits[:, 1])
+            lower, upper = robot.limits.T
+            inside = (joints >= lower) & (joints <= upper)
             return joints if inside.all() else None
         step, *_ = np.linalg.lstsq(posture.jacobian[0], error, rcond=1e-6)
         joints = joints + np.clip(step, -0.5, 0.5)

@@ -148,7 +148,8 @@ def whiten(
     shared = 0
     if isinstance(samples, PointSamples):
         shared = _take_out(rows, white, samples, weights > 0.0)
-    return Whitened(rows[..., 0], rows[..., 1:], shared)
+    first, others = np.split(rows, [1], axis=2)
+    return Whitened(first.squeeze(axis=2), others, shared)
 
 
 def _take_out(rows: FloatArray, white: FloatArray, samples: PointSamples, use: BoolArray) -> int:

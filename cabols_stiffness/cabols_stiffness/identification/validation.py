@@ -71,9 +71,10 @@ def validate(
     moved = np.einsum("kij,kj->ki", line.motion, line.balance.deflection)
     rows = whiten(line, moved[..., None], samples, np.ones(len(samples)))
     residual = np.einsum("kij,kj->ki", root, rows.residual)
-    predicted = np.einsum("kij,kj->ki", root, rows.columns[..., 0])
+    column = rows.columns.squeeze(axis=-1)
+    predicted = np.einsum("kij,kj->ki", root, column)
     freedom = max(rows.residual.size - rows.shared, 1)
-    explained = 1.0 - np.sum(rows.residual**2) / np.sum((rows.residual + rows.columns[..., 0]) ** 2)
+    explained = 1.0 - np.sum(rows.residual**2) / np.sum((rows.residual + column) ** 2)
     return Validation(
         measured=predicted + residual,
         predicted=predicted,

@@ -64,8 +64,7 @@ def without_tool_weight(
         ShapeError: if an argument has another shape or is not finite.
     """
     rest = balance(robot, points.joints, points.wrench, _law(parameters), follows=True)
-    down = np.zeros((len(points), 6))
-    down[:, 2] = -weight
+    down = np.tile([0.0, 0.0, -weight, 0.0, 0.0, 0.0], (len(points), 1))
     taken = turn(robot.posture(points.joints).rotation.swapaxes(1, 2), down)
     extra = (turn(rest.posture.rotation.swapaxes(1, 2), down) - taken)[:, :3]
     arm = finite_array("centre", centre, (3,))

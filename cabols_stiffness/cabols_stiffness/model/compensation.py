@@ -75,7 +75,8 @@ def correct(
     law = law_of(result)
     moved = _solved(law, torque, prediction.joints[None])
     command = at - moved[0]
-    outside = (command < robot.limits[:, 0]) | (command > robot.limits[:, 1])
+    lower, upper = robot.limits.T
+    outside = (command < lower) | (command > upper)
     if outside.any():
         j = int(np.flatnonzero(outside)[0])
         raise CabolsError(

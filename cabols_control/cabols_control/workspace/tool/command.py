@@ -191,7 +191,8 @@ def _map_turns(geometry: RigGeometry, bodies: Bodies, options: argparse.Namespac
     x = np.linspace(centre[0] - half[0], centre[0] + half[0], TURN_POINTS)
     y = np.linspace(centre[1] - half[1], centre[1] + half[1], TURN_POINTS)
     turns = np.array([[_turn(geometry, bodies, (a, b, centre[2])) for b in y] for a in x])
-    figures.draw_turns(x, y, turns[..., 0], turns[..., 1], options.output / "turns.png")
+    low, high = np.moveaxis(turns, -1, 0)
+    figures.draw_turns(x, y, low, high, options.output / "turns.png")
     least, largest = np.rad2deg(_turn(geometry, bodies, tuple(centre)))
     print(f"  at the reference position cables stay free from {least:.1f} to {largest:.1f} deg")
 

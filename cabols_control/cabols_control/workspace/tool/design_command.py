@@ -56,12 +56,13 @@ def optimise(problem: DesignProblem, pool: Workers, options: argparse.Namespace)
     """Minimise the cost by differential evolution, from the reference bench and random rigs."""
     rng = np.random.default_rng(options.seed)
     bounds = np.array(design_bounds())
-    start = rng.uniform(bounds[:, 0], bounds[:, 1], (max(options.population, 5), len(bounds)))
+    lower, upper = bounds.T
+    start = rng.uniform(lower, upper, (max(options.population, 5), len(bounds)))
     # Half of them are near the bench: a rig drawn from all the bounds rarely has a workspace.
     near = len(start) // 2
-    spread = SPREAD * (bounds[:, 1] - bounds[:, 0])
+    spread = SPREAD * (upper - lower)
     start[:near] = np.array(REFERENCE) + spread * rng.standard_normal((near, len(bounds)))
-    start = np.clip(start, bounds[:, 0], bounds[:, 1])
+    start = np.clip(start, lower, upper)
     start[0] = REFERENCE
     began = time.monotonic()
     generation = 0

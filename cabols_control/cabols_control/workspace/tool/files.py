@@ -17,6 +17,8 @@ from cabols_control.geometry import RigGeometry
 from cabols_control.workspace.grid import WorkspaceMap
 from cabols_control.workspace.surface import Mesh
 
+STL_FACET = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""A triangle of a binary STL file, 50 bytes."""
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 MAP_COLUMNS = (
     *POSE_COLUMNS,
@@ -35,9 +37,9 @@ def write_stl(mesh: Mesh, path: Path) -> None:
     corners = mesh.vertices[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
-    record = np.zeros(len(corners), dtype=[("f", "<f4", (4, 3)), ("attribute", "<u2")])
-    record["f"][:, 0] = normal / np.maximum(length, 1e-300)
-    record["f"][:, 1:] = corners
+    record = np.zeros(len(corners), dtype=STL_FACET)
+    record["normal"] = normal / np.maximum(length, 1e-300)
+    record["corners"] = corners
     header = b"cabols workspace, metres".ljust(80)
     path.write_bytes(header + np.uint32(len(corners)).tobytes() + record.tobytes())
 
