@@ -12,6 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from cabols_control.ros.node import FAULT, RUNNING, Status
 from cabols_control.ros.threads.executor_thread import hand_over
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.topics import NAMESPACE
 
 pytestmark = [pytest.mark.ros]
@@ -58,13 +59,13 @@ def test_a_failure_is_the_executors(node, executor):
 
 def test_faults_come_and_go_in_the_log_without_keeping_the_loop(node, executor, capfd):
     status = Status(node, lockstep=True)
-    for stamp_ns, state, reason in (
-        (1, RUNNING, ""),
-        (2, FAULT, "wrench: force x is 155.2 N"),
-        (3, RUNNING, ""),
-        (4, FAULT, "tension: limb 3 pulls 145.1 N"),
+    for stamp_ns, state, fault in (
+        (1, RUNNING, None),
+        (2, FAULT, Fault(FaultName.WRENCH, "wrench: force x is 155.2 N")),
+        (3, RUNNING, None),
+        (4, FAULT, Fault(FaultName.TENSION, "tension: limb 3 pulls 145.1 N")),
     ):
-        status.cycle(stamp_ns, state, reason)
+        status.cycle(stamp_ns, state, fault)
     assert "force x" not in capfd.readouterr().err
     for _ in range(3):
         executor.spin_once(5.0)
