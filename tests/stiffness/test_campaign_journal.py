@@ -182,3 +182,12 @@ def test_load_stands_when_it_has_stopped_to_change():
     assert not stands(wrenches, 40_000_000, 0.2, 0.03), "the earlier window is not over yet"
     wrenches.add(stamps[220:], ramp[220:])
     assert stands(wrenches, 40_000_000, 0.2, 0.03)
+
+
+def test_no_campaign_begins_among_foreign_files(tmp_path):
+    """A home folder named by mistake stays as it is."""
+    thesis = tmp_path / "thesis.tex"
+    thesis.write_text("years of work")
+    with pytest.raises(CampaignError, match=r"got one with thesis\.tex; name another folder"):
+        Journal(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

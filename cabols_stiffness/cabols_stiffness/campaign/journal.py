@@ -16,6 +16,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from cabols_control.output_folder import MARKER
 from cabols_control.rig_folder import RigFolder
 from cabols_stiffness.campaign.plan import CampaignPlan, load_plan, plan_text
 from cabols_stiffness.campaign.requests import LoadKey
@@ -30,6 +31,8 @@ from cabols_stiffness.measurements.measured_load import (
 )
 
 PLAN, SAMPLES, LOG, BAGS, LOCK = "campaign.yaml", "samples.csv", "log.csv", "bags", ".lock"
+MAY_BE_THERE = {LOCK, MARKER, "log"}
+"""In a folder without a plan: what the commands make that run a campaign."""
 LOG_COLUMNS = ("time_ns", "what", *INDICES, "reason")
 
 
@@ -105,10 +108,12 @@ class Journal:
             rig: name or folder, see find_rig; empty: the reference bench.
 
         Raises:
-            CampaignError: if another process writes there, or the folder holds another campaign.
+            CampaignError: if another process writes there, or the folder holds another campaign or
+                foreign files.
             ConfigError: if the campaign cannot be used.
         """
         self.folder = Path(folder)
+        self._refuse_foreign_files()
         self.folder.mkdir(parents=True, exist_ok=True)
         self._lock = (self.folder / LOCK).open("w")
         try:
@@ -127,6 +132,17 @@ class Journal:
         except BaseException:
             self._lock.close()
             raise
+
+    def _refuse_foreign_files(self) -> None:
+        """Begin nothing among files that are no campaign's."""
+        if not self.folder.is_dir() or (self.folder / PLAN).exists():
+            return
+        there = sorted({path.name for path in self.folder.iterdir()} - MAY_BE_THERE)
+        if there:
+            raise CampaignError(
+                f"{self.folder}: expected a new or empty folder, or a campaign's, got one with "
+                f"{', '.join(there[:3])}; name another folder"
+            )
 
     def _adopt(self, campaign: str | Path, rig: str | Path | RigFolder) -> CampaignPlan:
         """Return the folder's campaign; store the requested one there if the folder has none."""
