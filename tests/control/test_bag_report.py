@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -115,3 +117,13 @@ def test_a_foreign_and_a_missing_bag_are_reported(tmp_path, capsys):
     assert main([str(write(tmp_path / "run", ["/chatter"]))]) == 1
     assert "got /chatter; `export` writes any topics" in capsys.readouterr().err
     assert main([str(tmp_path / "none")]) == 2
+
+
+def test_a_bag_of_version_0_1_with_a_load_is_judged(tmp_path):
+    folder = Path(__file__).resolve().parents[1] / "data" / "v0_1" / "bags" / "rigid"
+    written = report_bag(folder, tmp_path / "report.html")
+    assert written.judged
+    assert written.missing == ["Robot's joints: no messages of joint_states"]
+    text = written.path.read_text()
+    assert "peak current" in text
+    assert "files in the bag" in text

@@ -99,6 +99,13 @@ def _one(time: FloatArray, values: FloatArray, label: str) -> tuple[Figure, Axes
     return figure, axes
 
 
+def _tension_scale(axes: Axes) -> None:
+    """Show least and largest tensions at once; below zero only if there is anything."""
+    axes.set_yscale("symlog", linthresh=1.0)
+    if axes.dataLim.ymin >= 0.0:
+        axes.set_ylim(bottom=0.0)
+
+
 def draw_modes(bag: Bag, rig: Rig) -> Figure:
     """Draw the operating modes as bands."""
     del rig
@@ -135,7 +142,7 @@ def draw_tensions(bag: Bag, rig: Rig) -> Figure:
     figure, axes = _one(times(bag, series), by_limb(series, "tension"), "cable tension [N]")
     limit_line(axes, rig.control.tension_max, f"limit {rig.control.tension_max:g} N")
     limit_line(axes, rig.control.tension_min, f"least {rig.control.tension_min:g} N")
-    axes.set_yscale("symlog", linthresh=1.0)
+    _tension_scale(axes)
     return figure
 
 
@@ -146,7 +153,7 @@ def draw_commands(bag: Bag, rig: Rig) -> Figure:
     figure, axes = _one(times(bag, series), by_limb(series, "tension"), label)
     limit_line(axes, rig.control.tension_max, f"limit {rig.control.tension_max:g} N")
     limit_line(axes, rig.control.tension_min, f"least {rig.control.tension_min:g} N")
-    axes.set_yscale("symlog", linthresh=1.0)
+    _tension_scale(axes)
     return figure
 
 
