@@ -54,7 +54,7 @@ def run_half(words: Sequence[str]) -> tuple[int, Counter[str]]:
     """Run pytest once; return its exit code and the numbers of outcomes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "counts.json"
-        # Matrices here are small: on a busy machine threads for them make a fit thirty times slower.
+        # Matrices are small: on a busy machine threads for them make a fit 30 times slower.
         environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, COUNTS: str(file)}
         command = [sys.executable, "-m", "pytest", *words]
         code = subprocess.run(command, check=False, env=environment).returncode
