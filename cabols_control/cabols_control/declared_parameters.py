@@ -1,7 +1,8 @@
 """The ROS parameters that a node declares, read from its source: nothing of ROS is imported.
 
 A node's `main` is followed through the classes and functions of nodes/ and ros/ that it names; each
-`declare(node, name, default, description, bounds)` found on the way is a parameter of the node.
+`declare(node, name, default, description, bounds)` found on the way is a parameter of the node, and
+so is each `declare_row(node, NODES.argument(name))`, whose row the table of the package has.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cabols_control.bringup.graph import all_arguments
+
 PREFIX = "cabols_"
-DECLARE = "declare"
+DECLARE, DECLARE_ROW = "declare", "declare_row"
 ROS_FOLDERS = {"nodes", "ros"}
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
@@ -88,7 +91,10 @@ def _follow(
         return
     values = {**_imported(source), **source.constants, **_assigned(definition)}
     for node in ast.walk(definition):
-        if isinstance(node, ast.Call) and _is_declaration(node):
+        if isinstance(node, ast.Call) and _is_row(node):
+            parameter = _of_table(node)
+            found.setdefault(parameter.name, parameter)
+        elif isinstance(node, ast.Call) and _is_declaration(node):
             parameter = _parameter(node, values)
             found.setdefault(parameter.name, parameter)
         elif isinstance(node, ast.Name):
@@ -99,7 +105,31 @@ def _follow(
 
 
 def _is_declaration(call: ast.Call) -> bool:
-    return isinstance(call.func, ast.Name) and call.func.id == DECLARE and len(call.args) > 3
+    return (
+        isinstance(call.func, ast.Name)
+        and call.func.id == DECLARE
+        and len(call.args) > 3
+        and isinstance(call.args[1], ast.Constant)
+    )
+
+
+def _is_row(call: ast.Call) -> bool:
+    return (
+        isinstance(call.func, ast.Name)
+        and call.func.id == DECLARE_ROW
+        and len(call.args) > 1
+        and isinstance(call.args[1], ast.Call)
+    )
+
+
+def _of_table(call: ast.Call) -> DeclaredParameter:
+    row_call = call.args[1]
+    assert isinstance(row_call, ast.Call)
+    name = ast.literal_eval(row_call.args[0])
+    row = next(argument for argument in all_arguments() if argument.name == name)
+    bounds = "" if row.bounds is None else repr(row.bounds).strip("()")
+    text = f"{row.unit}, {row.description}" if row.unit else row.description
+    return DeclaredParameter(row.parameter or row.name, repr(row.default), text, bounds)
 
 
 def _assigned(definition: Definition) -> dict[str, ast.expr]:
