@@ -15,6 +15,9 @@ from cabols_control.declared_parameters import declared_parameters
 from cabols_control.errors import CabolsError, UsageError
 from commands_table import CASES, ROOT, Executable, calls, executables, observe_all, page
 
+pytestmark = pytest.mark.timeout(900)
+"""Over a hundred processes, two at a time: some 90 s of processor time."""
+
 
 @pytest.fixture(scope="module")
 def outcomes():
