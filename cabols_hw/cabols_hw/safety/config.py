@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 from pydantic.dataclasses import dataclass
 
-from cabols_control.checks import in_range
-from cabols_control.configuration import STRICT, load_config
+from cabols_control.configuration import STRICT, load_config, within
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import RigFolder, rig_file
+
+Positive = Annotated[float, within(1e-4, 1e6)]
+Large = Annotated[float, within(1e-6, 1e6)]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -43,60 +46,35 @@ class SafetyConfig:
         relief_time: longest time for FREE_MOVING to remove an overload that it found [s].
     """
 
-    wrench_max: list[float]
-    position_range: list[float]
-    tension_max: float = 145.0
-    current_saturated: float = 0.1
-    estimate_force: float = 30.0
-    estimate_torque: float = 5.0
-    estimate_time: float = 0.05
-    rotation_range: float = 0.7
-    speed_loaded: float = 0.02
-    speed_free: float = 0.25
-    pose_age: float = 0.1
-    pose_jump: float = 0.01
-    state_age: float = 0.02
-    cable_tension: float = 12.0
-    cable_time: float = 0.01
-    switch_payout: float = 0.1
-    pretension_force: float = 40.0
-    encoder_jump: float = 0.5
-    motion_current: float = 0.3
-    motion_time: float = 0.03
-    sensor_flat: float = 0.2
-    relief_time: float = 3.0
+    wrench_max: list[Large]
+    position_range: list[Large]
+    tension_max: Positive = 145.0
+    current_saturated: Positive = 0.1
+    estimate_force: Positive = 30.0
+    estimate_torque: Positive = 5.0
+    estimate_time: Positive = 0.05
+    rotation_range: Positive = 0.7
+    speed_loaded: Positive = 0.02
+    speed_free: Positive = 0.25
+    pose_age: Positive = 0.1
+    pose_jump: Positive = 0.01
+    state_age: Positive = 0.02
+    cable_tension: Positive = 12.0
+    cable_time: Positive = 0.01
+    switch_payout: Positive = 0.1
+    pretension_force: Positive = 40.0
+    encoder_jump: Positive = 0.5
+    motion_current: Positive = 0.3
+    motion_time: Positive = 0.03
+    sensor_flat: Annotated[float, within(0.0, 1e3)] = 0.2
+    relief_time: Positive = 3.0
 
     def __post_init__(self) -> None:
-        """Check lengths and signs."""
+        """Check lengths."""
         for name, count in (("wrench_max", 6), ("position_range", 3)):
             values = getattr(self, name)
             if len(values) != count:
                 raise ConfigError(f"{name}: expected {count} values, got {len(values)}")
-            for value in values:
-                in_range(name, value, 1e-6, 1e6)
-        for name in (
-            "tension_max",
-            "current_saturated",
-            "estimate_force",
-            "estimate_torque",
-            "estimate_time",
-            "rotation_range",
-            "speed_loaded",
-            "speed_free",
-            "pose_age",
-            "pose_jump",
-            "state_age",
-            "cable_tension",
-            "cable_time",
-            "switch_payout",
-            "pretension_force",
-            "encoder_jump",
-            "motion_current",
-            "motion_time",
-            "relief_time",
-        ):
-            in_range(name, getattr(self, name), 1e-4, 1e6)
-        in_range("sensor_flat", self.sensor_flat, 0.0, 1e3)
 
 
 def load_safety(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> SafetyConfig:
