@@ -76,7 +76,7 @@ class Trial:
         return self.kept and self.complete and self.difference <= WORST_DEVIATIONS
 
 
-def short_campaign(path: Path, configurations: list[int], paths: int, rig: str) -> None:
+def short_campaign(path: Path, configurations: list[int], paths: int, rig: str = "") -> None:
     """Write a part of a rig's campaign."""
     whole = yaml.safe_load(rig_file("campaign.yaml", rig=rig).read_text("utf-8"))
     for key in ("validation_configurations", "validation_paths"):
