@@ -7,12 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from cabols_msgs.action import MeasureReflector, MoveToConfiguration
-from cabols_msgs.srv import SetMode
-from rclpy.action import ActionClient
-
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.threads.executor_thread import hand_over
+from cabols_control.ros.rig_client.calls import RigCalls
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.ros.intake import Intake
@@ -45,9 +41,8 @@ class Operator:
         """Make the clients."""
         self._node = node
         self._intake = intake
-        self._set_mode = node.create_client(SetMode, "set_mode")
-        self._move = ActionClient(node, MoveToConfiguration, "move_to_configuration")
-        self._measure = ActionClient(node, MeasureReflector, "measure_reflector")
+        self._calls = RigCalls(node)
+        self._calls.prepare(("set_mode",), ("move_to_configuration", "measure_reflector"))
         self._aborted = ""
         self._goal: Any = None
 
@@ -117,7 +112,7 @@ class Operator:
         intake, refusal = self._intake, "not asked yet"
         until_ns = intake.now_ns + round(1e9 * seconds)
         while intake.now_ns < until_ns:
-            answer = self._answer(self._set_mode.call_async(SetMode.Request(mode=int(mode))))
+            answer = self._answer(self._calls.call("set_mode", mode=int(mode)))
             if answer is None:
                 refusal = "the supervisor does not answer"
             elif answer.success:
@@ -131,29 +126,26 @@ class Operator:
 
     def move(self, configuration: int, seconds: float) -> str:
         """Move the robot; return why that failed, or nothing."""
-        goal = MoveToConfiguration.Goal(index=configuration)
-        result, reason = self._act(self._move, goal, seconds)
+        result, reason = self._act("move_to_configuration", seconds, index=configuration)
         return reason or ("" if result.success else result.message or "the motion failed")
 
     def measure(self, reflector: int, averaging_s: float, seconds: float) -> tuple[Any, str]:
         """Measure a reflector; return the ReflectorMeasurement, and why that failed, or nothing."""
-        goal = MeasureReflector.Goal(reflector=reflector, averaging_time=averaging_s, search=True)
-        result, reason = self._act(self._measure, goal, seconds, loading=True)
+        goal = {"reflector": reflector, "averaging_time": averaging_s, "search": True}
+        result, reason = self._act("measure_reflector", seconds, loading=True, **goal)
         if reason:
             return None, reason
         return result.measurement, "" if result.success else result.message or "it failed"
 
     def _act(
-        self, client: ActionClient, goal: Any, seconds: float, loading: bool = False
+        self, action: str, seconds: float, loading: bool = False, **goal: Any
     ) -> tuple[Any, str]:
-        if not client.wait_for_server(timeout_sec=ANSWER_S):
+        if not self._found(action):
             return None, "its node does not run: no action server"
-        handle = self._accepted(client, goal)
+        handle = self._accepted(action, goal)
         if handle is None or not handle.accepted:
             return None, "refused; the node's log says why" if handle else "no answer to the goal"
-        future = self._sent(handle.get_result_async)
-        if future is None:
-            return None, "the node does not send"
+        future = self._calls.result(handle)
         done = threading.Event()
         future.add_done_callback(lambda _: done.set())
         give_up = time.monotonic() + ACTION_STRETCH * seconds
@@ -161,28 +153,31 @@ class Operator:
             while not done.wait(0.005):
                 self._look_around(loading)
                 if time.monotonic() > give_up:
-                    handle.cancel_goal_async()
+                    self._calls.cancel(handle)
                     return None, f"no result within {ACTION_STRETCH * seconds:.0f} s"
         except InterruptedCampaignError:
-            handle.cancel_goal_async()
+            self._calls.cancel(handle)
             raise
         return future.result().result, ""
 
-    def _accepted(self, client: ActionClient, goal: Any) -> Any:
+    def _found(self, action: str) -> bool:
+        """Wait until an action's server is known; whether it is."""
+        give_up = time.monotonic() + ANSWER_S
+        while not self._calls.ready(action):
+            self._look_around(loading=False)
+            if time.monotonic() > give_up:
+                return False
+            time.sleep(RETRY_S)
+        return True
+
+    def _accepted(self, action: str, goal: dict[str, Any]) -> Any:
         """Send a goal until it is accepted: the nodes receive a mode at different times."""
         until_ns = self._intake.now_ns + round(1e9 * REFUSED_S)
         while True:
-            sent = self._sent(lambda: client.send_goal_async(goal))
-            handle = None if sent is None else self._answer(sent)
-            if handle is not None and (handle.accepted or self._intake.now_ns >= until_ns):
+            handle = self._answer(self._calls.send_goal(action, **goal))
+            if handle is None or handle.accepted or self._intake.now_ns >= until_ns:
                 return handle
-            if handle is None:
-                return None
             self.pause(RETRY_S)
-
-    def _sent(self, send: Callable[[], Any]) -> Any:
-        """Send an action client's request; return its future, None if that takes too long."""
-        return self._answer(hand_over(self._node, send))
 
     def _answer(self, future: Any) -> Any:
         """Wait for a service's answer; None if there is none in time."""
@@ -198,5 +193,4 @@ class Operator:
 
     def close(self) -> None:
         """Destroy the clients."""
-        self._move.destroy()
-        self._measure.destroy()
+        self._calls.close()
