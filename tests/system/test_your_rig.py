@@ -20,6 +20,8 @@ from cabols_control.rig_folder import FILES, RigWarning
 from cabols_hw.card.config import load_card
 from cabols_hw.card.quanser import CardError, open_q8
 from cabols_sim.bench.run import run_bench
+from cabols_sim.plant.closed_loop import simulate
+from cabols_sim.plant.config import load_plant
 from cabols_stiffness.campaign.plan import load_plan
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -83,6 +85,17 @@ def test_the_page_makes_a_rig(tmp_path, section, cables):
     assert f"{cables} cables of " in said
     assert ("2 cards on one clock" in said) == (cables > 8)
     assert {path.name for path in folder.iterdir()} == {file.name for file in FILES}
+
+
+@pytest.mark.parametrize(("section", "cables"), [("Seven cables", 7), ("Ten cables", 10)])
+def test_the_compiled_loop_reaches_a_wrench(tmp_path, section, cables):
+    _, folder = follow(section, tmp_path)
+    desired = np.zeros((1500, 6))
+    desired[300:] = [10.0, -10.0, 15.0, 0.5, -0.5, 0.5]
+    trace = simulate(load_rig(folder), load_card(folder), load_plant(folder), desired)
+    assert trace.tension.shape == (1500, cables)
+    np.testing.assert_allclose(trace.wrench[-100:].mean(axis=0), desired[-1], atol=0.1)
+    assert trace.tension[-100:].min() > 1.0
 
 
 def test_a_real_second_card_is_refused_with_the_reason(tmp_path):
