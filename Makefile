@@ -121,6 +121,9 @@ bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_realtime.py $(ARGS)
 
+bench-against: setup  ## run a benchmark in turn with another checkout: BASE=FOLDER ARGS="--bench tension"
+	@$(BIN)/python tests/bench/interleave.py $(BASE) $(ARGS)
+
 bench-transport: setup  ## measure what a killed process costs the others, by shared memory and by UDP
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_transport.py $(ARGS)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import platform
 import time
 from pathlib import Path
 from typing import Any
@@ -112,12 +111,7 @@ def main() -> None:
         median, tail = float(np.median(times)), float(np.percentile(times, 99))
         figures[f"{name.lower()}_median_ns"], figures[f"{name.lower()}_p99_ns"] = median, tail
         print(f"{name:14s} median {median:8.0f} ns   p99 {tail:8.0f} ns")
-    result = {
-        "machine": f"{platform.machine()}, Python {platform.python_version()}",
-        "steps": options.steps,
-        "figures": figures,
-    }
-    write_figures(options.output, result)
+    write_figures(options.output, {"steps": options.steps, **figures})
 
 
 if __name__ == "__main__":
