@@ -13,7 +13,7 @@ MOST_ARGUMENTS = 8
 FIRST_NAMELESS = 3
 """0, 1 and 2 are x, y, z, or the parts of a pair."""
 LAST_AXIS = 5
-COMPILERS = {"njit", "jit", "compiled", "vectorised"}
+COMPILERS = {"njit", "jit", "compiled", "inlined", "vectorised"}
 WRENCHES = {
     "wrench", "turned", "measured", "control", "tared", "bias", "load", "accumulated", "residual",
     "matrix", "jacobian", "q", "desired",

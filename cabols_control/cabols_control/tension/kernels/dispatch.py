@@ -11,7 +11,7 @@ from .faces import choose_on_face, choose_on_line
 from .general import least_norm
 from .nearest import CHOOSE, DESCEND, descend, nearest_from_conflict, start_from_limits
 from .plane import pseudo_inverse_tension, solve_line, solve_plane, solve_point
-from .static_size import EIGHT, Size, cables, compiled
+from .static_size import EIGHT, Size, cables, compiled, inlined
 from .work_array import (
     CABLES,
     DEFICIENT,
@@ -135,13 +135,12 @@ def _solve(
     tension_out: FloatArray,
     residual_out: FloatArray,
 ) -> int:
-    """Do what `solve_prepared` promises for input that is finite."""
+    """Do what `solve_prepared` promises for input that is finite, and not plain."""
     n = cables(size)
     target = _scaled_wrench(work, size, wrench)
     ready = work[STATE] == READY
     planar = ready and n == 8
-    plain = planar and solve_fixed_eight(work, wrench, tension_out)
-    if plain or (ready and _inside_limits(work, size, target, tension_out)):
+    if ready and _inside_limits(work, size, target, tension_out):
         clip_and_subtract(work, size, wrench, tension_out, residual_out)
         return FEASIBLE
     todo = DESCEND
@@ -157,7 +156,7 @@ def _solve(
     return FEASIBLE if _reached(work, target, largest) else INFEASIBLE
 
 
-@compiled
+@inlined
 def solve_prepared(
     work: FloatArray, wrench: FloatArray, tension_out: FloatArray, residual_out: FloatArray
 ) -> int:
@@ -178,11 +177,15 @@ def solve_prepared(
         return _reject(work, n, tension_out, residual_out)
     work[ITERATIONS] = 0.0
     if n == 8:
+        # The common case stays here: to call a function with arrays costs a tenth of it.
+        if work[STATE] == READY and solve_fixed_eight(work, wrench, tension_out):
+            clip_and_subtract(work, EIGHT, wrench, tension_out, residual_out)
+            return FEASIBLE
         return _solve(work, EIGHT, wrench, tension_out, residual_out)
     return _solve(work, n, wrench, tension_out, residual_out)
 
 
-@compiled
+@inlined
 def detect_prepared(work: FloatArray, wrench: FloatArray) -> int:
     """Status alone, as `solve_prepared` gives it, without the nearest wrench where rank is 6."""
     n = int(work[CABLES])
@@ -192,11 +195,10 @@ def detect_prepared(work: FloatArray, wrench: FloatArray) -> int:
     if work[STATE] == DEFICIENT:
         residual = work[at_vector(n, _DETECT_RESIDUAL) : at_vector(n, _DETECT_RESIDUAL) + 6]
         return solve_prepared(work, wrench, tension, residual)
-    target = _scaled_wrench(work, n, wrench)
     if n == 8:
-        inside = _inside_limits(work, EIGHT, target, tension)
-    else:
-        inside = _inside_limits(work, n, target, tension)
+        pseudo_inverse_tension(work, EIGHT, _scaled_wrench(work, EIGHT, wrench), tension)
+        return FEASIBLE if solve_plane(work, EIGHT, tension) else INFEASIBLE
+    inside = _inside_limits(work, n, _scaled_wrench(work, n, wrench), tension)
     return FEASIBLE if inside else INFEASIBLE
 
 
@@ -235,9 +237,22 @@ def solve_batch(
             status[k] = solve_prepared(work, wrenches[k], tensions[k], residual)
 
 
-@compiled
+@inlined
+def _rig_views(work: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Base points (n, 3), platform points (n, 3) and structure matrix (6, n) of a rig's array."""
+    n = int(work[CABLES])
+    start = work_size(n)
+    base = work[start : start + 3 * n].reshape((n, 3))
+    platform = work[start + 3 * n : start + 6 * n].reshape((n, 3))
+    return base, platform, work[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
+
+
+@inlined
 def _plain_at_pose(
     work: FloatArray,
+    base: FloatArray,
+    platform: FloatArray,
+    A: FloatArray,
     position: FloatArray,
     rotation: FloatArray,
     wrench: FloatArray,
@@ -248,19 +263,16 @@ def _plain_at_pose(
     Limits and weights lie where `prepare_pose` writes them: it reads them there, too.
     """
     n = int(work[CABLES])
-    start, limits = work_size(n), at_limits(n)
-    base = work[start : start + 3 * n].reshape((n, 3))
-    platform = work[start + 3 * n : start + 6 * n].reshape((n, 3))
-    A = work[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
+    limits = at_limits(n)
     low, high = work[limits : limits + n], work[limits + n : limits + 2 * n]
     structure_matrix_into(base, platform, position, rotation, A)
-    if n == 8 and solve_pose_eight(work, low, high, wrench, tension):
-        return True
-    prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
-    return False
+    plain = n == 8 and solve_pose_eight(work, low, high, wrench, tension)
+    if not plain:
+        prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
+    return plain
 
 
-@compiled
+@inlined
 def solve_at_pose(
     work: FloatArray,
     position: FloatArray,
@@ -283,13 +295,13 @@ def solve_at_pose(
     Returns:
         Status as `solve_prepared`.
     """
-    if not _plain_at_pose(work, position, rotation, wrench, tension_out):
+    base, platform, A = _rig_views(work)
+    if not _plain_at_pose(work, base, platform, A, position, rotation, wrench, tension_out):
         return solve_prepared(work, wrench, tension_out, residual_out)
-    structure = at_structure(8)
     for row in range(6):
         total = -wrench[row]
         for i in range(8):
-            total += work[structure + 8 * row + i] * tension_out[i]
+            total += A[row, i] * tension_out[i]
         residual_out[row] = total
     return FEASIBLE
 
@@ -315,8 +327,10 @@ def solve_pose_batch(
     """
     n = int(work[CABLES])
     residual = work[at_vector(n, _DETECT_RESIDUAL) : at_vector(n, _DETECT_RESIDUAL) + 6]
+    base, platform, A = _rig_views(work)
     for k in range(wrenches.shape[0]):
-        if _plain_at_pose(work, positions[k], rotations[k], wrenches[k], tensions[k]):
+        wrench, tension = wrenches[k], tensions[k]
+        if _plain_at_pose(work, base, platform, A, positions[k], rotations[k], wrench, tension):
             status[k] = FEASIBLE
         else:
             status[k] = solve_prepared(work, wrenches[k], tensions[k], residual)

@@ -12,6 +12,8 @@ from numba.extending import overload
 
 compiled = njit(cache=True, error_model="numpy", boundscheck=False)
 """Decorator: cached on disk; divisions follow IEEE 754 instead of raising."""
+inlined = njit(cache=True, error_model="numpy", boundscheck=False, inline="always")
+"""The same, put into its callers: where the call would cost more than what it does."""
 
 Size = int | tuple[int, ...]
 
