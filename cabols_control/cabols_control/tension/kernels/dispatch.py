@@ -248,31 +248,6 @@ def _rig_views(work: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 @inlined
-def _plain_at_pose(
-    work: FloatArray,
-    base: FloatArray,
-    platform: FloatArray,
-    A: FloatArray,
-    position: FloatArray,
-    rotation: FloatArray,
-    wrench: FloatArray,
-    tension: FloatArray,
-) -> bool:
-    """Structure matrix of a rig's new pose, then tensions if its wrench is plain; else its basis.
-
-    Limits and weights lie where `prepare_pose` writes them: it reads them there, too.
-    """
-    n = int(work[CABLES])
-    limits = at_limits(n)
-    low, high = work[limits : limits + n], work[limits + n : limits + 2 * n]
-    structure_matrix_into(base, platform, position, rotation, A)
-    plain = n == 8 and solve_pose_eight(work, low, high, wrench, tension)
-    if not plain:
-        prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
-    return plain
-
-
-@inlined
 def solve_at_pose(
     work: FloatArray,
     position: FloatArray,
@@ -295,8 +270,13 @@ def solve_at_pose(
     Returns:
         Status as `solve_prepared`.
     """
+    n = int(work[CABLES])
+    limits = at_limits(n)
+    low, high = work[limits : limits + n], work[limits + n : limits + 2 * n]
     base, platform, A = _rig_views(work)
-    if not _plain_at_pose(work, base, platform, A, position, rotation, wrench, tension_out):
+    structure_matrix_into(base, platform, position, rotation, A)
+    if not (n == 8 and solve_pose_eight(work, low, high, wrench, tension_out)):
+        prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
         return solve_prepared(work, wrench, tension_out, residual_out)
     for row in range(6):
         total = -wrench[row]
@@ -328,9 +308,14 @@ def solve_pose_batch(
     n = int(work[CABLES])
     residual = work[at_vector(n, _DETECT_RESIDUAL) : at_vector(n, _DETECT_RESIDUAL) + 6]
     base, platform, A = _rig_views(work)
+    # Arrays of their own: what lies in the work array is loaded anew after every store there.
+    base, platform = base.copy(), platform.copy()
+    limits, weights = at_limits(n), work[at_weights(n) : at_weights(n) + 6].copy()
+    low, high = work[limits : limits + n].copy(), work[limits + n : limits + 2 * n].copy()
     for k in range(wrenches.shape[0]):
-        wrench, tension = wrenches[k], tensions[k]
-        if _plain_at_pose(work, base, platform, A, positions[k], rotations[k], wrench, tension):
+        structure_matrix_into(base, platform, positions[k], rotations[k], A)
+        if n == 8 and solve_pose_eight(work, low, high, wrenches[k], tensions[k]):
             status[k] = FEASIBLE
         else:
+            prepare_pose(A, low, high, weights, work)
             status[k] = solve_prepared(work, wrenches[k], tensions[k], residual)
