@@ -188,7 +188,7 @@ def test_a_millisecond_in_the_limb_law_turns_the_demo_red(tmp_path):
     output = tmp_path / "demo"
     demo = [str(executable_path("cabols_sim", "demo")), "--output", str(output)]
     done = subprocess.run(
-        [*demo, "--rigid", "--program", "steps", "--slow-limb-law"],
+        [*demo, "--rigid", "--program", "steps", "--slow-limb-law", "--plain"],
         env={**os.environ, **next_environment()},
         capture_output=True,
         text=True,

@@ -36,11 +36,13 @@ class Ended:
         first: name of the node that ended first; empty if the user interrupted.
         code: its exit code, negative for a signal; 0 when interrupted.
         codes: exit code of every node.
+        overdue: whether the run was ended because it took longer than its limit.
     """
 
     first: str
     code: int
     codes: dict[str, int]
+    overdue: bool = False
 
 
 def executable_path(package: str, executable: str) -> Path:
@@ -77,6 +79,7 @@ def run(
     on_start: Callable[[dict[str, int]], None] | None = None,
     keep_going: bool = False,
     respawn_s: float | None = None,
+    limit_s: float | None = None,
 ) -> Ended:
     """Run nodes until the first ends or the user interrupts, then end all.
 
@@ -89,12 +92,15 @@ def run(
             is kept up to date.
         keep_going: run on when a node ends, until the user interrupts.
         respawn_s: time from a node's end to its new start; implies keep_going [s].
+        limit_s: longest time from the first start; then all are ended. None: no limit [s].
 
     Returns:
         How it ended.
     """
     output = (on_line or _print_line, log_folder)
-    return asyncio.run(_run(nodes, environment or {}, *output, on_start, keep_going, respawn_s))
+    return asyncio.run(
+        _run(nodes, environment or {}, *output, on_start, keep_going, respawn_s, limit_s)
+    )
 
 
 def _print_line(name: str, line: str) -> None:
@@ -115,6 +121,7 @@ async def _run(
     on_start: Callable[[dict[str, int]], None] | None,
     keep_going: bool,
     respawn_s: float | None,
+    limit_s: float | None,
 ) -> Ended:
     if log_folder is not None:
         log_folder.mkdir(parents=True, exist_ok=True)
@@ -129,7 +136,7 @@ async def _run(
     pumps = []
     keepers: list[asyncio.Task[None]] = []
     pids: dict[str, int] = {}
-    first, code = "", 0
+    first, code, overdue = "", 0, False
 
     async def start(name: str, command: list[str]) -> None:
         process = await asyncio.create_subprocess_exec(
@@ -157,9 +164,13 @@ async def _run(
         if on_start is not None:
             on_start(pids)
         if keep_going or respawn_s is not None:
-            await interrupted.wait()
+            end = asyncio.create_task(_interruption(interrupted))
         else:
-            first, code = await _first_end(processes, interrupted)
+            end = asyncio.create_task(_first_end(processes, interrupted))
+        try:
+            first, code = await asyncio.wait_for(end, limit_s)
+        except asyncio.TimeoutError:
+            overdue = True
     finally:
         for keeper in keepers:
             keeper.cancel()
@@ -168,7 +179,13 @@ async def _run(
         await asyncio.gather(*pumps)
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.remove_signal_handler(number)
-    return Ended(first, code, {name: p.returncode or 0 for name, p in processes.items()})
+    codes = {name: process.returncode or 0 for name, process in processes.items()}
+    return Ended(first, code, codes, overdue)
+
+
+async def _interruption(interrupted: asyncio.Event) -> tuple[str, int]:
+    await interrupted.wait()
+    return "", 0
 
 
 async def _first_end(

@@ -42,6 +42,8 @@ from cabols_sim.bench.run import forgiving, isolated_environment, real_time_argu
 
 STALL_NS = 50_000_000
 """A stall of this computer worth naming when a run failed: half of the demo's watchdogs."""
+LIMIT_S = 240.0
+"""Longest time of a session besides its programme, at full speed [s]."""
 SLOW_LIMB = ("cabols_sim", "slow_limb_controller")
 SHOWN = ("supervisor", "load_program")
 """Nodes whose every line is an event: modes and programmes."""
@@ -148,6 +150,7 @@ def _run(
                 environment,
                 on_start,
                 stand_ins=stand_ins,
+                limit_s=LIMIT_S / arguments.speed + program.duration,
             )
         finally:
             if session is not None:
@@ -197,6 +200,11 @@ def _failure(ended: Ended, session: Any, log: Path) -> str:
     """Return the failure; empty without one, or after Ctrl-C."""
     if session is not None and session.error is not None:
         return str(session.error)
+    if ended.overdue:
+        return (
+            "the session had not ended in time, so all nodes were ended, motors at zero: one of "
+            f"them is too slow or leaves the others no time; their output is in {log}"
+        )
     expected = ended.first == "load_program" and ended.code == 0 and session is None
     if ended.first and not expected:
         return (

@@ -87,6 +87,7 @@ def run_bench(
     respawn_s: float | None = None,
     tools: Sequence[NodeSpec] = (),
     stand_ins: Mapping[str, tuple[str, str]] | None = None,
+    limit_s: float | None = None,
 ) -> Ended:
     """Run the bench until one node ends, or Ctrl-C.
 
@@ -101,6 +102,7 @@ def run_bench(
         respawn_s: time from a node's end to its new start; None: never [s].
         tools: started after the graph; all ends with the first of them.
         stand_ins: package and executable to start in the place of an executable.
+        limit_s: longest time of the run; then all nodes are ended. None: no limit [s].
 
     Returns:
         How it ended.
@@ -117,7 +119,7 @@ def run_bench(
     nodes = [_stand_in(node, stand_ins or {}) for node in with_arguments(graph, values)]
     nodes += tools
     with _on_core(values.get("other_cpu", -1)):
-        return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s)
+        return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s, limit_s)
 
 
 def _stand_in(node: NodeSpec, stand_ins: Mapping[str, tuple[str, str]]) -> NodeSpec:
