@@ -57,10 +57,9 @@ def _us(taken: Figures, name: str) -> str:
 
 def limb_step(f: Figures) -> Iterable[Row]:
     """Rows of bench-limb-step."""
-    taken = f["figures"]
-    for key in (name for name in taken if name.endswith("_median_ns")):
+    for key in (name for name in f if name.endswith("_median_ns")):
         mode = key.removesuffix("_median_ns")
-        measured = f"{1e-3 * taken[key]:.1f}, {1e-3 * taken[f'{mode}_p99_ns']:.1f} us"
+        measured = f"{1e-3 * f[key]:.1f}, {1e-3 * f[f'{mode}_p99_ns']:.1f} us"
         yield f"{mode.upper()}: median, p99", measured, "", None
 
 
