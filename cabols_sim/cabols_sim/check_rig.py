@@ -22,7 +22,10 @@ from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.card.config import load_card
 from cabols_hw.safety.config import load_safety
 from cabols_hw.tracker.config import load_tracker_config
+from cabols_sim.devices.robot.kinematics import load_arm
+from cabols_sim.devices.robot.robot_checks import check_robot
 from cabols_sim.devices.robot.robot_config import load_robot_truth
+from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_sim.devices.tracker.config import load_tracker_truth
 from cabols_sim.plant.config import load_plant
 
@@ -41,8 +44,9 @@ def check_rig(folder: RigFolder) -> list[str]:
     card.wiring.require_limbs(geometry.cables)
     load_plant(folder).limbs.require_limbs(geometry.cables)
     configurations = load_configurations(folder)
-    for load in (load_tracker_config, load_robot_truth, load_tracker_truth):
+    for load in (load_tracker_config, load_tracker_truth):
         load(folder)
+    robot = RobotTarget(load_robot_truth(folder), configurations, load_arm(folder))
     pose = (geometry.reference_position, geometry.reference_rotation)
     found: list[Findings] = [
         check_geometry(geometry.base_points, geometry.platform_points, *pose),
@@ -61,14 +65,14 @@ def check_rig(folder: RigFolder) -> list[str]:
             rig.control.rated,
             card.sensor_limits,
         ),
+        check_robot(robot.arm, configurations, geometry),
     ]
     for findings in found:
         findings.settle(folder.path)
     cards = "1 card" if card.wiring.cards == 1 else f"{card.wiring.cards} cards on one clock"
     return [
         *(findings.read for findings in found),
-        f"{card.wiring.limbs} limbs wired to {cards}; {len(configurations)} configurations of the "
-        "robot",
+        f"{card.wiring.limbs} limbs wired to {cards}",
     ]
 
 

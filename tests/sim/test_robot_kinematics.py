@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cabols_control.errors import CabolsError, ShapeError
+from cabols_control.errors import CabolsError, ConfigError, ShapeError
 from cabols_control.kinematics import structure_matrix
+from cabols_control.rig_folder import rig_file
 from cabols_control.tension import distribute
 from cabols_hw.abb.configurations import load_configurations
-from cabols_sim.devices.robot.kinematics import JOINT_LIMITS_DEG, Arm
+from cabols_sim.devices.robot.kinematics import Arm, load_arm
+from cabols_sim.devices.robot.robot_checks import check_robot
 from cabols_sim.devices.robot.robot_target import NOWHERE, RobotTarget
 from cabols_sim.devices.robot.trajectory import duration_s, quintic
 
@@ -87,6 +89,63 @@ def test_pose_and_jacobian_are_pinocchios(random):
         np.testing.assert_allclose(jacobian, in_base, atol=1e-12)
 
 
+def other_robot(random, joints=6) -> str:
+    """URDF of a robot whose joints sit and turn anyhow, with a fixed link between two of them."""
+    parts = ['<robot name="other"><link name="l0"/>']
+    for j in range(1, joints + 2):
+        kind = "fixed" if j == joints + 1 else "revolute"
+        numbers = [" ".join(map(repr, map(float, random.uniform(-1, 1, 3)))) for _ in range(3)]
+        parts.append(
+            f'<link name="m{j}"/><joint name="k{j}" type="fixed"><parent link="l{j - 1}"/>'
+            f'<child link="m{j}"/><origin xyz="{numbers[2]}" rpy="0.1 {0.2 * j} -0.3"/></joint>'
+            f'<link name="l{j}"/><joint name="j{j}" type="{kind}"><parent link="m{j}"/>'
+            f'<child link="l{j}"/><origin xyz="{numbers[0]}" rpy="{numbers[1]}"/>'
+            f'<axis xyz="{numbers[2]}"/><limit lower="-7" upper="7" effort="1" velocity="1"/>'
+            "</joint>"
+        )
+    return "".join(parts) + "</robot>"
+
+
+def test_any_robot_of_six_joints_is_simulated_as_pinocchio_has_it(random, tmp_path):
+    pinocchio = pytest.importorskip("pinocchio")
+    path = tmp_path / "robot.urdf"
+    for _ in range(5):
+        path.write_text(other_robot(random))
+        model = pinocchio.buildModelFromUrdf(str(path))
+        data, q = model.createData(), random.uniform(-3.0, 3.0, 6)
+        frame = model.getFrameId("l7")
+        pinocchio.computeJointJacobians(model, data, q)
+        pinocchio.updateFramePlacements(model, data)
+        position, rotation, jacobian = Arm(serial=load_arm(path=path)).solve(q)
+        np.testing.assert_allclose(position, data.oMf[frame].translation, atol=1e-12)
+        np.testing.assert_allclose(rotation, data.oMf[frame].rotation, atol=1e-12)
+        aligned = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        expected = pinocchio.getFrameJacobian(model, data, frame, aligned)
+        np.testing.assert_allclose(jacobian, expected, atol=1e-12)
+
+
+def test_robot_of_seven_joints_is_refused(random, tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(other_robot(random, joints=7))
+    with pytest.raises(ConfigError, match=r"expected 6 joints that turn.*got 7: j1, j2"):
+        load_arm(path=path)
+
+
+def test_configurations_of_another_robot_are_refused(rig, random, tmp_path, configurations):
+    bench = check_robot(RobotTarget().arm, configurations, rig.geometry)
+    assert bench.refused == bench.odd == []
+    path = tmp_path / "robot.urdf"
+    path.write_text(other_robot(random))
+    found = check_robot(Arm(serial=load_arm(path=path)), configurations, rig.geometry)
+    assert "configuration 1: expected the platform between the cables' base points" in str(found)
+    narrow = rig_file("robot.urdf").read_text().replace('upper="2.00', 'upper="-2.0000')
+    path.write_text(narrow)
+    arm = RobotTarget(serial=load_arm(path=path)).arm
+    assert "joint_5: expected -115 to -114.6 deg" in str(
+        check_robot(arm, configurations, rig.geometry)
+    )
+
+
 def test_jacobian_is_the_derivative_of_the_pose(random):
     arm, step = random_arm(random), 1e-6
     q = random.uniform(-2.0, 2.0, 6)
@@ -124,7 +183,7 @@ def test_configurations_can_be_loaded_by_the_cables(rig, target, configurations)
     assert len(configurations) >= 11
     for index in range(len(configurations)):
         joints = configurations.joints(index)
-        limits = np.deg2rad(JOINT_LIMITS_DEG)
+        limits = target.arm.serial.limits
         assert ((joints > limits[:, 0]) & (joints < limits[:, 1])).all()
         position, rotation, jacobian = target.arm.solve(joints)
         assert np.abs(position - rig.geometry.reference_position).max() <= 0.1

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.errors import ConfigError, ShapeError
 from cabols_control.rig_folder import rig_file
-from cabols_sim.devices.robot.kinematics import JOINT_LIMITS_DEG, Arm
+from cabols_sim.devices.robot.kinematics import Arm
 from cabols_stiffness import load_robot
 from cabols_stiffness.model.balance import Law, balance
 from cabols_stiffness.model.screws import (
@@ -22,6 +22,8 @@ from cabols_stiffness.model.screws import (
     shift_wrench,
 )
 
+JOINT_LIMITS_DEG = [(-180, 180), (-90, 150), (-245, 65), (-200, 200), (-115, 115), (-400, 400)]
+"""Working range of ABB's data sheet."""
 TOOL = np.array([0.02, -0.03, 0.15])
 TURN = Rotation.from_euler("XYZ", [20, -40, 110], degrees=True).as_matrix()
 angles = st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6).map(np.array)
@@ -47,7 +49,7 @@ def test_urdf_agrees_with_the_simulated_arm(q):
     np.testing.assert_allclose(robot.jacobian(q), jacobian, atol=1e-14)
 
 
-def test_joint_limits_are_the_simulated_arms(robot):
+def test_joint_limits_are_the_data_sheets(robot):
     np.testing.assert_allclose(np.rad2deg(robot.limits), JOINT_LIMITS_DEG, atol=1e-9)
 
 

@@ -19,6 +19,7 @@ from cabols_hw.abb.configurations import load_configurations
 from cabols_sim.devices.abb.controller import PASSWORD, USER, AbbController
 from cabols_sim.devices.abb.egm_server import DEFAULT_EGM_PORT
 from cabols_sim.devices.link import DEFAULT_LINK_PORT, DeviceLink
+from cabols_sim.devices.robot.kinematics import load_arm
 from cabols_sim.devices.tracker.config import load_tracker_truth
 from cabols_sim.devices.tracker.server import TrackerServer
 
@@ -83,6 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.user,
             options.password,
             options.seed,
+            load_arm(options.rig),
         )
         tracker = _tracker(link, options)
     except CabolsError as error:

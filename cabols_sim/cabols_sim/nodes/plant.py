@@ -11,6 +11,7 @@ import numpy as np
 from cabols_msgs.srv import InjectFault
 from scipy.spatial.transform import Rotation
 
+from cabols_control.geometry import RigGeometry
 from cabols_control.result_code import ResultCode
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
@@ -28,6 +29,8 @@ from cabols_hw.safety.config import SafetyConfig
 from cabols_sim.bringup_nodes import NODES as SIM_NODES
 from cabols_sim.devices.link import DEFAULT_LINK_PORT, PlantLink
 from cabols_sim.devices.robot.coupling import RobotCoupling
+from cabols_sim.devices.robot.kinematics import load_arm
+from cabols_sim.devices.robot.robot_checks import check_robot
 from cabols_sim.devices.robot.robot_config import load_robot_truth
 from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_sim.faults import FaultError
@@ -53,7 +56,7 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     node.quiet = node.get_parameter("linear").value
     speed = declare_row(node, HW_NODES.argument("speed"))
     warm_up_card(rig, card, config)
-    node.coupling = make_coupling(node)
+    node.coupling = make_coupling(node, rig.geometry)
     robot = node.coupling.robot if node.coupling is not None else None
     plant = Plant(rig, card, config, seed, robot)
     if node.coupling is not None:
@@ -61,8 +64,12 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     return SimulatedQ8(plant, card, rig.geometry.cables, node.lockstep, speed)
 
 
-def make_coupling(node: BridgeNode) -> RobotCoupling | None:
-    """Build the robot and its link to the device simulator; None for a rigid target."""
+def make_coupling(node: BridgeNode, geometry: RigGeometry) -> RobotCoupling | None:
+    """Build the robot and its link to the device simulator; None for a rigid target.
+
+    Raises:
+        ConfigError: if robot, configurations and cables cannot be of one rig.
+    """
     wanted = declare(node, "robot", False, "flexible robot, its devices served by device_simulator")
     path = declare_row(node, SIM_NODES.argument("robot_file"))
     configurations = declare_row(node, HW_NODES.argument("robot_configurations_file"))
@@ -72,7 +79,9 @@ def make_coupling(node: BridgeNode) -> RobotCoupling | None:
     if not wanted:
         return None
     config = load_robot_truth(node.rig_folder, path)
-    target = RobotTarget(config, load_configurations(node.rig_folder, configurations))
+    stored = load_configurations(node.rig_folder, configurations)
+    target = RobotTarget(config, stored, load_arm(node.rig_folder))
+    check_robot(target.arm, stored, geometry).settle(node.rig_folder.path)
     return RobotCoupling(target, PlantLink(port))
 
 

@@ -1,17 +1,13 @@
-"""A robot's joints from its URDF, as far as a picture needs them."""
+"""A robot's joints as far as a picture needs them."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree.ElementTree import Element, ParseError
 
-import defusedxml.ElementTree as Xml
-from defusedxml.common import DefusedXmlException
+import numpy as np
 
-from cabols_control.errors import ConfigError
-
-TURNING = ("revolute", "continuous")
+from cabols_control.serial_arm import NotSerialError, read_serial_arm
 
 
 class Arm(NamedTuple):
@@ -35,37 +31,10 @@ def read_arm(path: str | Path) -> Arm | None:
         ConfigError: if the file is no URDF.
     """
     try:
-        root = Xml.parse(str(path)).getroot()
-    except (OSError, ParseError, DefusedXmlException) as error:
-        raise ConfigError(f"{path}: expected a URDF, got {error}") from error
-    offsets: list[list[float]] = []
-    axes: list[int] = []
-    flange = [0.0] * 3
-    for joint in root.iter("joint"):
-        place, turn = _numbers(joint, "origin", "xyz"), _numbers(joint, "origin", "rpy")
-        if joint.get("type") in TURNING:
-            axis = _numbers(joint, "axis", "xyz", "1 0 0")
-            if any(turn) or sorted(axis) != [0.0, 0.0, 1.0]:
-                return None
-            offsets.append(place)
-            axes.append(axis.index(1.0))
-        elif joint.get("type") == "fixed" and offsets:
-            flange = [one + other for one, other in zip(flange, place, strict=True)]
-            if any(turn):
-                # What is fixed behind a turned flange is not drawn.
-                break
-        else:
-            return None
-    return Arm(offsets, axes, flange) if offsets else None
-
-
-def _numbers(joint: Element, tag: str, name: str, default: str = "0 0 0") -> list[float]:
-    found = joint.find(tag)
-    words = (found.get(name, default) if found is not None else default).split()
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError as error:
-        raise ConfigError(f"{tag} of a joint: expected three numbers, got {words}") from error
-    if len(numbers) != 3:
-        raise ConfigError(f"{tag} of a joint: expected three numbers, got {words}")
-    return numbers
+        arm = read_serial_arm(path)
+    except NotSerialError:
+        return None
+    if not (np.equal(arm.rotations, np.eye(3)).all() and (np.sort(arm.axes) == [0, 0, 1]).all()):
+        return None
+    axes = [int(axis) for axis in arm.axes.argmax(axis=1)]
+    return Arm(arm.origins.tolist(), axes, arm.flange_position.tolist())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 
+from cabols_control.serial_arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations
 from cabols_sim.devices.abb.egm_server import DEFAULT_EGM_PORT, EgmServer
 from cabols_sim.devices.abb.rapid import RapidProgram
@@ -34,8 +35,9 @@ class AbbController:
         user: str = USER,
         password: str = PASSWORD,
         seed: int = 0,
+        serial: SerialArm | None = None,
     ) -> None:
-        """Prepare; start() begins.
+        """Prepare; start() begins. The arm is `serial`, None: the bench's.
 
         Raises:
             RwsServerError: if the port is taken.
@@ -43,7 +45,9 @@ class AbbController:
         self._link = link
         self.program = RapidProgram(link, len(configurations))
         tool = Arm(
-            tool_position=configurations.tool_position, tool_rotation=configurations.tool_rotation
+            tool_position=configurations.tool_position,
+            tool_rotation=configurations.tool_rotation,
+            serial=serial,
         )
         self.egm = EgmServer(self.program, tool, egm_port, seed=seed)
         self.rws = RwsServer(self.program, user, password, rws_port)

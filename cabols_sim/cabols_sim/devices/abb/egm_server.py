@@ -46,7 +46,7 @@ class EgmServer:
             seed: of the packets that get lost.
         """
         self._program = program
-        self._arm = Arm(tool_position=tool.tool_position, tool_rotation=tool.tool_rotation)
+        self._arm = tool.at_its_base()
         self._address = (host, port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._random = random.Random(seed)

@@ -1,88 +1,72 @@
-"""IRB 1600-6/1.45: forward kinematics and geometric Jacobian at the platform's origin.
+"""Forward kinematics and geometric Jacobian of a six-joint arm, at the platform's origin.
 
-At zero the arm is as on ABB's drawing: lower arm up, forearm and flange along x of the robot's
-base. Joints turn about z, y, y, x, y, x; the flange's z (ABB's tool0) is the forearm's x.
+The arm is the rig's robot.urdf: for the bench ABB's IRB 1600-6/1.45.
 """
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array
+from cabols_control.errors import ConfigError
+from cabols_control.rig_folder import RigFolder, rig_file
+from cabols_control.serial_arm import SerialArm, read_serial_arm
 
-D1, A1, A2, D4, D6 = 0.4865, 0.150, 0.700, 0.600, 0.065
-"""Lengths of the arm [m]."""
+JOINTS = 6
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
-AXES = np.array([2, 1, 1, 0, 1, 0], dtype=np.int64)
-"""Axis of every joint, in the frame of the link before it."""
 
-OFFSETS = np.array(
-    [[0.0, 0.0, 0.0], [A1, 0.0, D1], [0.0, 0.0, A2], [0.0, 0.0, 0.0], [D4, 0.0, 0.0], [0.0] * 3]
-)
-"""(6, 3) where every joint sits, in the frame of the link before it [m]."""
-
-FLANGE_OFFSET = np.array([D6, 0.0, 0.0])
-FLANGE_ROTATION = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-"""From flange to last link's axes."""
-
-JOINT_LIMITS_DEG = np.array(
-    [
-        [-180.0, 180.0],
-        [-90.0, 150.0],
-        [-245.0, 65.0],
-        [-200.0, 200.0],
-        [-115.0, 115.0],
-        [-400.0, 400.0],
-    ]
-)
-"""(6, 2) working range."""
+@njit(cache=True)
+def _place(position: FloatArray, rotation: FloatArray, step: FloatArray) -> None:
+    """Go on to the next frame: (3, 4) rotation and position in the frame before it."""
+    turned = np.empty((3, 3))
+    for i in range(3):
+        for k in range(3):
+            position[i] += rotation[i, k] * step[k, 3]
+        for m in range(3):
+            turned[i, m] = 0.0
+            for k in range(3):
+                turned[i, m] += rotation[i, k] * step[k, m]
+    rotation[:] = turned
 
 
 @njit(cache=True)
 def kinematics_into(
     joints: FloatArray,
-    base_position: FloatArray,
-    base_rotation: FloatArray,
-    tool_position: FloatArray,
-    tool_rotation: FloatArray,
+    chain: FloatArray,
     position: FloatArray,
     rotation: FloatArray,
     jacobian: FloatArray,
 ) -> None:
-    """Fill pose and Jacobian of the platform; shapes as in Arm.solve, unchecked."""
-    p, r = base_position.copy(), base_rotation.copy()
-    points, axes = np.empty((6, 3)), np.empty((6, 3))
-    for j in range(6):
-        for i in range(3):
-            for k in range(3):
-                p[i] += r[i, k] * OFFSETS[j, k]
-        axis = AXES[j]
-        for i in range(3):
-            points[j, i] = p[i]
-            axes[j, i] = r[i, axis]
-        # A turn about one axis mixes the two columns that follow it.
-        first, second = (axis + 1) % 3, (axis + 2) % 3
+    """Fill pose and Jacobian of the platform, unchecked.
+
+    Args:
+        joints: (6,) angles [rad].
+        chain: (7, 3, 4) of Arm.
+        position: (3,) filled with the platform's origin in {0} [m].
+        rotation: (3, 3) filled, from platform to {0} axes.
+        jacobian: (6, 6) filled, at the platform's origin, {0} axes.
+    """
+    position[:] = 0.0
+    rotation[:] = 0.0
+    for i in range(3):
+        rotation[i, i] = 1.0
+    points, axes = np.empty((JOINTS, 3)), np.empty((JOINTS, 3))
+    for j in range(JOINTS):
+        _place(position, rotation, chain[j])
         cosine, sine = np.cos(joints[j]), np.sin(joints[j])
         for i in range(3):
-            one, two = r[i, first], r[i, second]
-            r[i, first] = cosine * one + sine * two
-            r[i, second] = cosine * two - sine * one
-    turned = np.zeros((3, 3))
-    for i in range(3):
-        for k in range(3):
-            p[i] += r[i, k] * FLANGE_OFFSET[k]
-            for m in range(3):
-                turned[i, m] += r[i, k] * FLANGE_ROTATION[k, m]
-    for i in range(3):
-        position[i] = p[i]
-        for m in range(3):
-            position[i] += turned[i, m] * tool_position[m]
-            rotation[i, m] = 0.0
-            for k in range(3):
-                rotation[i, m] += turned[i, k] * tool_rotation[k, m]
-    for j in range(6):
+            points[j, i] = position[i]
+            axes[j, i] = rotation[i, 2]
+            one, two = rotation[i, 0], rotation[i, 1]
+            rotation[i, 0] = cosine * one + sine * two
+            rotation[i, 1] = cosine * two - sine * one
+    _place(position, rotation, chain[JOINTS])
+    for j in range(JOINTS):
         x, y, z = position[0] - points[j, 0], position[1] - points[j, 1], position[2] - points[j, 2]
         jacobian[0, j] = axes[j, 1] * z - axes[j, 2] * y
         jacobian[1, j] = axes[j, 2] * x - axes[j, 0] * z
@@ -91,37 +75,80 @@ def kinematics_into(
             jacobian[3 + i, j] = axes[j, i]
 
 
+def load_arm(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> SerialArm:
+    """Read the arm that is simulated.
+
+    Args:
+        rig: name or folder, see find_rig; empty: the reference bench.
+        path: URDF in place of the folder's robot.urdf; None or empty: the folder's.
+
+    Raises:
+        ConfigError: if it is not a chain of six joints that turn: the simulated controller, its
+            configurations and EGM are of such a robot.
+    """
+    file = rig_file("robot.urdf", path, rig)
+    arm = read_serial_arm(file)
+    if len(arm.joints) != JOINTS:
+        raise ConfigError(
+            f"{file}: expected {JOINTS} joints that turn, as the simulated controller has, got "
+            f"{len(arm.joints)}: {', '.join(arm.joints)}"
+        )
+    return arm
+
+
 class Arm:
     """The arm at its place in the rig, with the platform at its flange.
 
     Attributes:
+        serial: joints and flange.
         base_position: (3,) of the robot's base in {0} [m].
         base_rotation: (3, 3) from robot base to {0} axes.
         tool_position: (3,) of the platform's origin, flange axes [m].
         tool_rotation: (3, 3) from platform to flange axes.
+        chain: (7, 3, 4) rotation and position [m] of each joint's frame in the one before it, from
+            {0} to the joints, each of which turns about its z, to the platform.
     """
 
     def __init__(
         self,
         base_position: ArrayLike = (0.0, 0.0, 0.0),
-        base_rotation: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        base_rotation: ArrayLike = IDENTITY,
         tool_position: ArrayLike = (0.0, 0.0, 0.0),
-        tool_rotation: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        tool_rotation: ArrayLike = IDENTITY,
+        serial: SerialArm | None = None,
     ) -> None:
-        """Take the two constant transforms.
+        """Take the two constant transforms and the joints; None stands for the bench's.
 
         Raises:
-            ShapeError: if one has another shape or is not finite.
+            ConfigError: if the bench's file cannot be used.
+            ShapeError: if a transform has another shape or is not finite.
         """
+        self.serial = serial or load_arm()
         self.base_position = finite_array("base_position", base_position, (3,))
         self.base_rotation = finite_array("base_rotation", base_rotation, (3, 3))
         self.tool_position = finite_array("tool_position", tool_position, (3,))
         self.tool_rotation = finite_array("tool_rotation", tool_rotation, (3, 3))
+        self.chain = self._chain()
 
-    @property
-    def frames(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The constant transforms for kinematics_into."""
-        return self.base_position, self.base_rotation, self.tool_position, self.tool_rotation
+    def at_its_base(self) -> Arm:
+        """Return the same arm, with {0} in the robot's own base."""
+        return Arm(
+            tool_position=self.tool_position, tool_rotation=self.tool_rotation, serial=self.serial
+        )
+
+    def _chain(self) -> FloatArray:
+        serial = self.serial
+        before: FloatArray = _transform(self.base_rotation, self.base_position)
+        found = np.empty((JOINTS + 1, 3, 4))
+        for j in range(JOINTS):
+            turned = _transform(_axes_with_z(serial.axes[j]), np.zeros(3))
+            joint = before @ _transform(serial.rotations[j], serial.origins[j]) @ turned
+            found[j] = joint[:3]
+            before = np.ascontiguousarray(turned.T)
+        flange = _transform(serial.flange_rotation, serial.flange_position)
+        tool = _transform(self.tool_rotation, self.tool_position)
+        found[JOINTS] = (before @ flange @ tool)[:3]
+        return found
 
     def solve(self, joints: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Pose of the platform and Jacobian at its origin.
@@ -137,6 +164,21 @@ class Arm:
             ShapeError: if joints has another shape or is not finite.
         """
         position, rotation, jacobian = np.empty(3), np.empty((3, 3)), np.empty((6, 6))
-        angles = finite_array("joints", joints, (6,))
-        kinematics_into(angles, *self.frames, position, rotation, jacobian)
+        angles = finite_array("joints", joints, (JOINTS,))
+        kinematics_into(angles, self.chain, position, rotation, jacobian)
         return position, rotation, jacobian
+
+
+def _transform(rotation: FloatArray, position: FloatArray) -> FloatArray:
+    """(4, 4) homogeneous matrix."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, position
+    return matrix
+
+
+def _axes_with_z(axis: FloatArray) -> FloatArray:
+    """(3, 3) rotation whose z is a unit vector; exact where that is a coordinate axis."""
+    least = int(np.abs(axis).argmin())
+    first = np.cross(axis, np.eye(3)[least])
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(axis, first), axis])

@@ -7,6 +7,7 @@ from numba import njit
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.serial_arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations, load_configurations
 from cabols_sim.devices.robot.flexible import JointTables, deflect_into
 from cabols_sim.devices.robot.kinematics import Arm, kinematics_into
@@ -25,7 +26,7 @@ def _settle_into(
     encoders: FloatArray,
     wrench: FloatArray,
     share: float,
-    frames: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    chain: FloatArray,
     tables: JointTables,
     memory: tuple[FloatArray, FloatArray],
     placement: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
@@ -36,7 +37,7 @@ def _settle_into(
         encoders: (6,) angles on the motors' side [rad].
         wrench: (6,) on the platform, base axes [N, N m].
         share: of the way to the balance in this step.
-        frames: of the arm, as kinematics_into takes them.
+        chain: of the arm, as kinematics_into takes it.
         tables: of the joints, as deflect_into takes them.
         memory: slip and deflection of the joints; updated.
         placement: true joints, the platform's position and rotation, jacobian; updated.
@@ -51,10 +52,7 @@ def _settle_into(
         return False
     for j in range(6):
         joints[j] = encoders[j] + deflection[j]
-    origins, turns, tool_position, tool_rotation = frames
-    kinematics_into(
-        joints, origins, turns, tool_position, tool_rotation, position, rotation, jacobian
-    )
+    kinematics_into(joints, chain, position, rotation, jacobian)
     return True
 
 
@@ -77,6 +75,7 @@ class RobotTarget:
         self,
         config: RobotConfig | None = None,
         configurations: RobotConfigurations | None = None,
+        serial: SerialArm | None = None,
     ) -> None:
         """Stand unloaded at the first configuration; None stands for the bench's.
 
@@ -92,6 +91,7 @@ class RobotTarget:
             Rotation.from_euler("XYZ", angles, degrees=True).as_matrix(),
             self._configurations.tool_position,
             self._configurations.tool_rotation,
+            serial,
         )
         self._flexible = config.joints()
         self.encoders = self._configurations.joints(0)
@@ -101,7 +101,6 @@ class RobotTarget:
         self.target_index = 0
         self.disabled = False
         self._motion: Motion | None = None
-        self._frames = self.arm.frames
         self._tables = self._flexible.tables
         # Compile or load a step's kernels: the first sample would otherwise be seconds late.
         self.step(np.zeros(6), 1e-3)
@@ -171,7 +170,7 @@ class RobotTarget:
             self.encoders,
             wrench,
             share,
-            self._frames,
+            self.arm.chain,
             self._tables,
             (self._flexible.slip, self._flexible.deflection),
             (self.joints, self.position, self.rotation, self.jacobian),

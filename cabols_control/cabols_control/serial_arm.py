@@ -1,0 +1,190 @@
+"""A robot arm's joints, in their order from base to flange, from its URDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element, ParseError
+
+import defusedxml.ElementTree as Xml
+import numpy as np
+from defusedxml.common import DefusedXmlException
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import FloatArray
+from cabols_control.errors import ConfigError
+
+TURNING = ("revolute", "continuous")
+FLANGES = ("tool0", "flange")
+"""Links that are taken for the flange where an arm has several ends; ROS-Industrial's names."""
+
+
+class NotSerialError(ConfigError):
+    """The URDF is of something else than one chain of joints that turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class SerialArm:
+    """An arm of n joints that turn.
+
+    Attributes:
+        name: of the robot.
+        joints: names of the n joints, from the base.
+        origins: (n, 3) of each joint, in the axes of the joint before it; the first: the base [m].
+        rotations: (n, 3, 3) from each joint's axes, at angle zero, to those of the one before it.
+        axes: (n, 3) unit vectors, in the joints' own axes.
+        limits: (n, 2) of the angles [rad]; infinite for a continuous joint.
+        flange: name of the link at the arm's end.
+        flange_position: (3,) of that link, in the last joint's axes [m].
+        flange_rotation: (3, 3) from its axes to the last joint's.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    origins: FloatArray
+    rotations: FloatArray
+    axes: FloatArray
+    limits: FloatArray
+    flange: str
+    flange_position: FloatArray
+    flange_rotation: FloatArray
+
+
+def read_serial_arm(path: str | Path, flange: str = "") -> SerialArm:
+    """Read an arm.
+
+    Args:
+        path: URDF; joints that are fixed are taken into the next one that turns.
+        flange: link at the arm's end; empty: the only one that carries no other, else tool0 or
+            flange.
+
+    Raises:
+        NotSerialError: if a joint on the way to the flange does not turn or follows another one,
+            or no flange can be told; the message names joints or links.
+        ConfigError: if the file is no URDF.
+    """
+    try:
+        root = Xml.parse(str(path)).getroot()
+    except (OSError, ParseError, DefusedXmlException) as error:
+        raise ConfigError(f"{path}: expected a URDF, got {error}") from error
+    above = {_link(joint, "child", path): joint for joint in root.findall("joint")}
+    name = flange or _flange(root, above, path)
+    chain = _way_to(name, above, path)
+    places: list[tuple[FloatArray, FloatArray]] = []
+    names, axes, limits = [], [], []
+    position, rotation = np.zeros(3), np.eye(3)
+    for joint in chain:
+        position = position + rotation @ _numbers(joint, "origin", "xyz", "0 0 0", path)
+        # URDF's rpy turns about the fixed axes x, y, z.
+        angles = _numbers(joint, "origin", "rpy", "0 0 0", path)
+        rotation = rotation @ Rotation.from_euler("xyz", angles).as_matrix()
+        if joint.get("type") == "fixed":
+            continue
+        _require_turning(joint, path)
+        names.append(joint.get("name", ""))
+        axes.append(_axis(joint, path))
+        limits.append(_limits(joint, path))
+        places.append((position, rotation))
+        position, rotation = np.zeros(3), np.eye(3)
+    if not names:
+        raise NotSerialError(f"{path}: expected joints that turn on the way to {name!r}, got none")
+    return SerialArm(
+        name=root.get("name", ""),
+        joints=tuple(names),
+        origins=np.array([place for place, _ in places]),
+        rotations=np.array([turn for _, turn in places]),
+        axes=np.array(axes),
+        limits=np.array(limits),
+        flange=name,
+        flange_position=position,
+        flange_rotation=rotation,
+    )
+
+
+def _flange(root: Element, above: dict[str, Element], path: str | Path) -> str:
+    """Link that carries no other, or the one by name if there are several."""
+    carrying = {_link(joint, "parent", path) for joint in above.values()}
+    ends = [link.get("name", "") for link in root.findall("link")]
+    ends = [name for name in ends if name not in carrying]
+    if len(ends) == 1:
+        return ends[0]
+    for name in FLANGES:
+        if name in above:
+            return name
+    raise NotSerialError(
+        f"{path}: expected one link that carries no other, or one of {', '.join(FLANGES)}; got "
+        f"{', '.join(ends) or 'none'}"
+    )
+
+
+def _way_to(name: str, above: dict[str, Element], path: str | Path) -> list[Element]:
+    """Joints from the base to a link."""
+    if name not in above:
+        raise NotSerialError(
+            f"{path}: expected a link {name!r} at the end of a joint, got "
+            f"{', '.join(above) or 'no joints'}"
+        )
+    way: list[Element] = []
+    while name in above:
+        if len(way) > len(above):
+            raise NotSerialError(f"{path}: expected a tree of links, got a circle through {name!r}")
+        way.append(above[name])
+        name = _link(above[name], "parent", path)
+    return way[::-1]
+
+
+def _require_turning(joint: Element, path: str | Path) -> None:
+    name, kind = joint.get("name", ""), joint.get("type")
+    if kind not in TURNING:
+        raise NotSerialError(
+            f"{path}: joint {name!r}: expected a type of {', '.join(TURNING)} or fixed, got {kind}"
+        )
+    if joint.find("mimic") is not None:
+        raise NotSerialError(f"{path}: joint {name!r}: expected one of its own, got a mimic")
+
+
+def _link(joint: Element, tag: str, path: str | Path) -> str:
+    found = joint.find(tag)
+    if found is None or not found.get("link"):
+        raise ConfigError(f"{path}: joint {joint.get('name')!r}: expected <{tag} link=...>")
+    return str(found.get("link"))
+
+
+def _axis(joint: Element, path: str | Path) -> FloatArray:
+    axis = _numbers(joint, "axis", "xyz", "1 0 0", path)
+    length = float(np.linalg.norm(axis))
+    if not length > 1e-6:
+        raise ConfigError(f"{path}: joint {joint.get('name')!r}: expected an axis, got {axis}")
+    return np.asarray(axis / length)
+
+
+def _limits(joint: Element, path: str | Path) -> tuple[float, float]:
+    """Limits of the angle; a joint of type revolute must have them."""
+    if joint.get("type") == "continuous":
+        return -np.inf, np.inf
+    lower = float(_numbers(joint, "limit", "lower", "0", path, 1)[0])
+    upper = float(_numbers(joint, "limit", "upper", "0", path, 1)[0])
+    if not lower < upper:
+        raise ConfigError(
+            f"{path}: joint {joint.get('name')!r}: expected limits lower < upper, got {lower:g}, "
+            f"{upper:g}"
+        )
+    return lower, upper
+
+
+def _numbers(
+    joint: Element, tag: str, name: str, default: str, path: str | Path, count: int = 3
+) -> FloatArray:
+    """Numbers of an attribute, finite."""
+    found = joint.find(tag)
+    words = (found.get(name, default) if found is not None else default).split()
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError:
+        numbers = np.full(1, np.nan)
+    if numbers.size != count or not np.isfinite(numbers).all():
+        raise ConfigError(
+            f"{path}: joint {joint.get('name')!r}: expected {count} finite numbers in {tag} "
+            f"{name}, got {' '.join(words)!r}"
+        )
+    return numbers
