@@ -22,7 +22,15 @@ from .arguments import (
     refuse_output,
     refuse_wrench,
 )
-from .calls import STATUS_BITS, STATUS_MASK, detect_entry, solve_at_entry, solve_entry
+from .calls import (
+    STATUS_BITS,
+    STATUS_MASK,
+    detect_entry,
+    solve_at_entry,
+    solve_at_into_entry,
+    solve_entry,
+    solve_into_entry,
+)
 from .kernels.basis import prepare_pose
 from .kernels.dispatch import solve_batch, solve_pose_batch
 from .kernels.work_array import (
@@ -60,7 +68,7 @@ class TensionResolver:
         CabolsError: if a lower limit is above its upper limit or a weight is not positive.
     """
 
-    __slots__ = ("_residual", "cables", "deficient", "work")
+    __slots__ = ("cables", "deficient", "work")
 
     def __init__(
         self,
@@ -74,7 +82,6 @@ class TensionResolver:
         self.cables = int(matrix.shape[1])
         limits = check_limits(self.cables, tension_min, tension_max)
         self.work = np.zeros(work_size(self.cables))
-        self._residual = np.zeros(6)
         self.deficient = prepare_pose(matrix, *limits, check_weights(weights), self.work) == 1
 
     def solve(self, wrench: ArrayLike) -> TensionSolution:
@@ -106,10 +113,10 @@ class TensionResolver:
         Raises:
             ShapeError: if the wrench is not (6,) or not finite, or tension is not (n,).
         """
-        status = solve_entry(self.work, wrench, tension, self._residual) & STATUS_MASK
+        status = solve_into_entry(self.work, wrench, tension)
         if status > INFEASIBLE:
             refuse_output(wrench, tension, self.cables)
-        return bool(status == FEASIBLE)
+        return status == FEASIBLE
 
     def feasible(self, wrench: ArrayLike) -> bool:
         """Whether the wrench, (6,) [N], [N m], is feasible, without the nearest one.
@@ -163,7 +170,7 @@ class RigTensionResolver:
         CabolsError: if a lower limit is above its upper limit or a weight is not positive.
     """
 
-    __slots__ = ("_residual", "cables", "work")
+    __slots__ = ("cables", "work")
 
     def __init__(
         self,
@@ -182,7 +189,6 @@ class RigTensionResolver:
             )
         platform = finite_array("platform_points", platform_points, (n, 3))
         limits, start = check_limits(n, tension_min, tension_max), at_limits(n)
-        self._residual = np.zeros(6)
         self.work = np.zeros(rig_work_size(n))
         self.work[CABLES] = n
         self.work[start : start + 2 * n] = np.concatenate(limits)
@@ -230,13 +236,12 @@ class RigTensionResolver:
         Raises:
             ShapeError: if an argument has another shape or is not finite.
         """
-        code = solve_at_entry(self.work, position, rotation, wrench, tension, self._residual)
-        status = code & STATUS_MASK
+        status = solve_at_into_entry(self.work, position, rotation, wrench, tension)
         if status > INFEASIBLE:
             finite_array("position", position, (3,))
             finite_array("rotation", rotation, (3, 3))
             refuse_output(wrench, tension, self.cables)
-        return bool(status == FEASIBLE)
+        return status == FEASIBLE
 
     def solve_batch(
         self,

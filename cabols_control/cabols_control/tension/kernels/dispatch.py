@@ -37,7 +37,14 @@ LARGEST_WRENCH = 1e100
 DEFICIENT_TOLERANCE = 1e-11
 """Rank-deficient A: the wrench is reached if the weighted residual is below this, relative."""
 _TO_DO = -1
-_DETECT, _DETECT_RESIDUAL = 16, 17  # scratch vectors
+_DETECT, _RESIDUAL = 16, 17  # scratch vectors
+
+
+@inlined
+def spare_residual(work: FloatArray) -> FloatArray:
+    """(6,) scratch for a residual that nobody asked for."""
+    start = at_vector(int(work[CABLES]), _RESIDUAL)
+    return work[start : start + 6]
 
 
 @compiled
@@ -193,8 +200,7 @@ def detect_prepared(work: FloatArray, wrench: FloatArray) -> int:
         return INVALID
     tension = work[at_vector(n, _DETECT) : at_vector(n, _DETECT) + n]
     if work[STATE] == DEFICIENT:
-        residual = work[at_vector(n, _DETECT_RESIDUAL) : at_vector(n, _DETECT_RESIDUAL) + 6]
-        return solve_prepared(work, wrench, tension, residual)
+        return solve_prepared(work, wrench, tension, spare_residual(work))
     if n == 8:
         pseudo_inverse_tension(work, EIGHT, _scaled_wrench(work, EIGHT, wrench), tension)
         return FEASIBLE if solve_plane(work, EIGHT, tension) else INFEASIBLE
@@ -228,7 +234,7 @@ def solve_batch(
         status: (k,) integers, filled.
     """
     n = int(work[CABLES])
-    residual = work[at_vector(n, _DETECT_RESIDUAL) : at_vector(n, _DETECT_RESIDUAL) + 6]
+    residual = spare_residual(work)
     status[:] = _TO_DO
     if n == 8 and work[STATE] == READY:
         _solve_plain(work, wrenches, tensions, status)
@@ -306,7 +312,7 @@ def solve_pose_batch(
         status: (k,) integers, filled.
     """
     n = int(work[CABLES])
-    residual = work[at_vector(n, _DETECT_RESIDUAL) : at_vector(n, _DETECT_RESIDUAL) + 6]
+    residual = spare_residual(work)
     base, platform, A = _rig_views(work)
     # Arrays of their own: what lies in the work array is loaded anew after every store there.
     base, platform = base.copy(), platform.copy()

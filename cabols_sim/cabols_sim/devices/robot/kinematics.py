@@ -6,6 +6,7 @@ The arm is the rig's robot.urdf: for the bench ABB's IRB 1600-6/1.45.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,24 +21,34 @@ JOINTS = 6
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+class Chain(NamedTuple):
+    """Frames of an arm, from {0} over its joints, each of which turns about its z, to the platform.
+
+    Attributes:
+        positions: (7, 3) of each frame, in the axes of the one before it [m].
+        rotations: (7, 3, 3) from each frame's axes to those of the one before it.
+    """
+
+    positions: FloatArray
+    rotations: FloatArray
+
+
 @njit(cache=True)
-def _place(position: FloatArray, rotation: FloatArray, step: FloatArray) -> None:
-    """Go on to the next frame: (3, 4) rotation and position in the frame before it."""
-    turned = np.empty((3, 3))
+def _go_on(position: FloatArray, rotation: FloatArray, step: FloatArray, turn: FloatArray) -> None:
+    """Go on to the next frame, whose position and rotation in this one are step and turn."""
+    turned = np.zeros((3, 3))
     for i in range(3):
         for k in range(3):
-            position[i] += rotation[i, k] * step[k, 3]
-        for m in range(3):
-            turned[i, m] = 0.0
-            for k in range(3):
-                turned[i, m] += rotation[i, k] * step[k, m]
+            position[i] += rotation[i, k] * step[k]
+            for m in range(3):
+                turned[i, m] += rotation[i, k] * turn[k, m]
     rotation[:] = turned
 
 
 @njit(cache=True)
 def kinematics_into(
     joints: FloatArray,
-    chain: FloatArray,
+    chain: Chain,
     position: FloatArray,
     rotation: FloatArray,
     jacobian: FloatArray,
@@ -46,7 +57,7 @@ def kinematics_into(
 
     Args:
         joints: (6,) angles [rad].
-        chain: (7, 3, 4) of Arm.
+        chain: of Arm.
         position: (3,) filled with the platform's origin in {0} [m].
         rotation: (3, 3) filled, from platform to {0} axes.
         jacobian: (6, 6) filled, at the platform's origin, {0} axes.
@@ -57,7 +68,7 @@ def kinematics_into(
         rotation[i, i] = 1.0
     points, axes = np.empty((JOINTS, 3)), np.empty((JOINTS, 3))
     for j in range(JOINTS):
-        _place(position, rotation, chain[j])
+        _go_on(position, rotation, chain.positions[j], chain.rotations[j])
         cosine, sine = np.cos(joints[j]), np.sin(joints[j])
         for i in range(3):
             points[j, i] = position[i]
@@ -65,7 +76,7 @@ def kinematics_into(
             one, two = rotation[i, 0], rotation[i, 1]
             rotation[i, 0] = cosine * one + sine * two
             rotation[i, 1] = cosine * two - sine * one
-    _place(position, rotation, chain[JOINTS])
+    _go_on(position, rotation, chain.positions[JOINTS], chain.rotations[JOINTS])
     for j in range(JOINTS):
         x, y, z = position[0] - points[j, 0], position[1] - points[j, 1], position[2] - points[j, 2]
         jacobian[0, j] = axes[j, 1] * z - axes[j, 2] * y
@@ -105,8 +116,7 @@ class Arm:
         base_rotation: (3, 3) from robot base to {0} axes.
         tool_position: (3,) of the platform's origin, flange axes [m].
         tool_rotation: (3, 3) from platform to flange axes.
-        chain: (7, 3, 4) rotation and position [m] of each joint's frame in the one before it, from
-            {0} to the joints, each of which turns about its z, to the platform.
+        chain: its frames, with base and tool.
     """
 
     def __init__(
@@ -136,19 +146,20 @@ class Arm:
             tool_position=self.tool_position, tool_rotation=self.tool_rotation, serial=self.serial
         )
 
-    def _chain(self) -> FloatArray:
+    def _chain(self) -> Chain:
         serial = self.serial
-        before: FloatArray = _transform(self.base_rotation, self.base_position)
-        found = np.empty((JOINTS + 1, 3, 4))
+        # Of {0}, then of each joint's axes turned so that it turns about its z.
+        place, turn = self.base_position, self.base_rotation
+        positions, rotations = np.empty((JOINTS + 1, 3)), np.empty((JOINTS + 1, 3, 3))
         for j in range(JOINTS):
-            turned = _transform(_axes_with_z(serial.axes[j]), np.zeros(3))
-            joint = before @ _transform(serial.rotations[j], serial.origins[j]) @ turned
-            found[j] = joint[:3]
-            before = np.ascontiguousarray(turned.T)
-        flange = _transform(serial.flange_rotation, serial.flange_position)
-        tool = _transform(self.tool_rotation, self.tool_position)
-        found[JOINTS] = (before @ flange @ tool)[:3]
-        return found
+            turned = _axes_with_z(serial.axes[j])
+            positions[j] = place + turn @ serial.origins[j]
+            rotations[j] = turn @ serial.rotations[j] @ turned
+            place, turn = np.zeros(3), turned.T
+        flange = turn @ serial.flange_rotation
+        positions[JOINTS] = turn @ serial.flange_position + flange @ self.tool_position
+        rotations[JOINTS] = flange @ self.tool_rotation
+        return Chain(positions, rotations)
 
     def solve(self, joints: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Pose of the platform and Jacobian at its origin.
@@ -167,13 +178,6 @@ class Arm:
         angles = finite_array("joints", joints, (JOINTS,))
         kinematics_into(angles, self.chain, position, rotation, jacobian)
         return position, rotation, jacobian
-
-
-def _transform(rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """(4, 4) homogeneous matrix."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, position
-    return matrix
 
 
 def _axes_with_z(axis: FloatArray) -> FloatArray:

@@ -24,10 +24,11 @@ def check_robot(arm: Arm, configurations: RobotConfigurations, geometry: RigGeom
         geometry: attachment points and reference pose of the cables.
     """
     serial, found = arm.serial, Findings()
+    lowest, highest = serial.limits.T
     low, high = geometry.base_points.min(axis=0), geometry.base_points.max(axis=0)
     for k in range(len(configurations)):
         joints, name = configurations.joints(k), configuration_name(k)
-        outside = ~((joints >= serial.limits[:, 0]) & (joints <= serial.limits[:, 1]))
+        outside = ~((joints >= lowest) & (joints <= highest))
         for j in np.nonzero(outside)[0]:
             least, most = np.rad2deg(serial.limits[j])
             found.refused.append(

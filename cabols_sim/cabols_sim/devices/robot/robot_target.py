@@ -10,7 +10,7 @@ from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.serial_arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations, load_configurations
 from cabols_sim.devices.robot.flexible import JointTables, deflect_into
-from cabols_sim.devices.robot.kinematics import Arm, kinematics_into
+from cabols_sim.devices.robot.kinematics import Arm, Chain, kinematics_into
 from cabols_sim.devices.robot.robot_config import RobotConfig, load_robot_truth
 from cabols_sim.devices.robot.trajectory import Motion, duration_s
 
@@ -26,7 +26,7 @@ def _settle_into(
     encoders: FloatArray,
     wrench: FloatArray,
     share: float,
-    chain: FloatArray,
+    chain: Chain,
     tables: JointTables,
     memory: tuple[FloatArray, FloatArray],
     placement: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
