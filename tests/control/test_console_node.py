@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import time
-from itertools import count
 
 import httpx
 import pytest
@@ -27,17 +26,17 @@ from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from console_harness import free_port
+from dds_domains import next_domain
 
 pytestmark = [pytest.mark.ros]
 
-DOMAINS = count(os.getpid())
 TOKEN = "a-token-of-the-tests-0123456789"
 PATIENCE_S = 110.0
 
 
 @pytest.fixture
 def domain():
-    return 1 + (3 * next(DOMAINS)) % 100
+    return next_domain()
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 
 import pytest
@@ -14,6 +13,7 @@ from cabols_control.ros.node import FAULT, RUNNING, Status
 from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.topics import NAMESPACE
+from dds_domains import next_domain
 
 pytestmark = [pytest.mark.ros]
 
@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.ros]
 @pytest.fixture
 def node():
     context = Context()
-    rclpy.init(context=context, domain_id=1 + os.getpid() % 100)
+    rclpy.init(context=context, domain_id=next_domain())
     found = rclpy.create_node("loop", namespace=NAMESPACE, context=context)
     yield found
     found.destroy_node()

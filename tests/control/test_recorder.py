@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +26,11 @@ from cabols_control.realtime.scheduling import may_use_fifo
 from cabols_control.ros import topics
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
 from cabols_control.topics import NAMESPACE, RECORDED
+from dds_domains import next_domain
 from stalls import Stalls
 
 pytestmark = [pytest.mark.ros]
 
-DOMAINS = count(os.getpid())
 FLUSH_PERIOD_S = 0.5
 MARGIN_S = 0.3
 """Beyond the flush period: 20 ms of gathering, 25 ms to write and compress half a second of
@@ -42,7 +41,7 @@ PATIENCE_S = 30.0
 @pytest.fixture
 def domain():
     """One for each test: a recorder that was killed haunts its domain for 20 s."""
-    return 1 + next(DOMAINS) % 100
+    return next_domain()
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import threading
 import time
@@ -20,17 +19,16 @@ from cabols_control.ros import topics
 from cabols_control.ros.qos import topic_qos
 from cabols_control.topics import Quality, topic_row
 from cabols_sim.bench.run import run_bench
+from dds_domains import next_domain
 
-_DOMAINS = itertools.count()
 ASK_AGAIN_S = 10.0
 """A request without an answer went to a server that was not matched: it is sent again."""
 
 
 def next_environment() -> dict[str, str]:
-    """A DDS domain that no other test of this session, and hardly another session, uses."""
-    domain = 1 + (7 * os.getpid() + next(_DOMAINS)) % 100
+    """A DDS domain that no other test uses."""
     return {
-        "ROS_DOMAIN_ID": str(domain),
+        "ROS_DOMAIN_ID": str(next_domain()),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         **ONE_BLAS_THREAD,
     }
