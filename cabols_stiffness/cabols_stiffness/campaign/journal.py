@@ -78,7 +78,7 @@ class Table:
         self._stream.close()
 
     def _rows(self) -> list[list[str]]:
-        return list(csv.reader(io.StringIO(self.path.read_text(encoding="utf-8"))))
+        return _cells(self.path, self.path.read_bytes())
 
     def _drop_cut_line(self) -> None:
         content = self.path.read_bytes()
@@ -162,14 +162,7 @@ class Journal:
         return load_plan(own)
 
     def _read(self) -> list[MeasuredLoad]:
-        rows = enumerate(self._samples.rows(), start=2)
-        return [self._load(number, cells) for number, cells in rows]
-
-    def _load(self, number: int, cells: list[str]) -> MeasuredLoad:
-        try:
-            return from_cells(cells, self.plan.limbs)
-        except CampaignError as error:
-            raise CampaignError(f"{self._samples.path}, line {number}: {error}") from error
+        return _loads(self._samples.path, self._samples.rows(), self.plan.limbs)
 
     @property
     def finished(self) -> set[LoadKey]:
@@ -241,10 +234,61 @@ def read_samples(folder: str | Path, skip: int = 0) -> list[MeasuredLoad]:
         CampaignError: if a line cannot be used.
     """
     path = Path(folder) / SAMPLES
-    text = path.read_text(encoding="utf-8")
-    lines = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
+    content = path.read_bytes()
+    lines = _cells(path, content[: content.rfind(b"\n") + 1])
     limbs = sum(name.startswith("tension_") for name in lines[0]) if lines else 0
-    return [from_cells(cells, limbs) for cells in lines[1 + skip :]]
+    return _loads(path, lines[1:], limbs)[skip:]
+
+
+def _cells(path: Path, content: bytes) -> list[list[str]]:
+    """Split a file's bytes into lines of cells.
+
+    Raises:
+        CampaignError: naming file and line, if a byte is no text or a line is no CSV.
+    """
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise CampaignError(
+            f"{path}, line {line}: expected UTF-8 text, got the byte {content[error.start]:#04x}; "
+            "restore the line from a copy, or delete it: its load is then measured again"
+        ) from error
+    rows = csv.reader(io.StringIO(text))
+    try:
+        return list(rows)
+    except csv.Error as error:
+        raise CampaignError(f"{path}, line {rows.line_num}: expected CSV, {error}") from error
+
+
+def _loads(path: Path, rows: Sequence[list[str]], limbs: int) -> list[MeasuredLoad]:
+    """Return the loads of samples.csv, each once.
+
+    A pass and the load's place in it make a load: the same line again is the same load, another
+    line about it is an error.
+
+    Args:
+        path: of the file, for messages.
+        rows: behind the header.
+        limbs: of the rig.
+
+    Raises:
+        CampaignError: naming the line that cannot be used.
+    """
+    found: dict[tuple[int, int], tuple[int, list[str], MeasuredLoad]] = {}
+    for number, cells in enumerate(rows, start=2):
+        try:
+            load = from_cells(cells, limbs)
+        except CampaignError as error:
+            raise CampaignError(f"{path}, line {number}: {error}") from error
+        before = found.setdefault((load.group, load.load), (number, cells, load))
+        if before[1] != cells:
+            raise CampaignError(
+                f"{path}, line {number}: expected each load of a pass once, got load {load.load} "
+                f"of pass {load.group} with other values than in line {before[0]}; delete the "
+                "wrong one"
+            )
+    return [load for _, _, load in found.values()]
 
 
 def read_log(folder: str | Path) -> list[dict[str, str]]:
@@ -252,11 +296,9 @@ def read_log(folder: str | Path) -> list[dict[str, str]]:
     path = Path(folder) / LOG
     if not path.exists():
         return []
-    with path.open(newline="", encoding="utf-8") as stream:
-        return [
-            {present_name(name): cell for name, cell in row.items()}
-            for row in csv.DictReader(stream)
-        ]
+    lines = _cells(path, path.read_bytes())
+    header = [present_name(name) for name in lines[0]] if lines else []
+    return [dict(zip(header, cells, strict=False)) for cells in lines[1:]]
 
 
 def _write_durably(path: Path, text: str) -> None:
