@@ -30,8 +30,11 @@ class SafetyConfig:
         rotation_range: angle from the reference orientation [rad].
         speed_loaded: of the platform under load [m/s].
         speed_free: of the platform otherwise [m/s].
+        rotation_speed_loaded: of the platform under load [rad/s].
+        rotation_speed_free: of the platform otherwise [rad/s].
         pose_age: of the newest platform pose [s].
         pose_jump: between two poses, beyond what speed_free allows [m].
+        rotation_jump: between two poses, beyond what rotation_speed_free allows [rad].
         state_age: between two samples of the card [s].
         cable_tension: an estimate above it with an open switch is a broken cable or switch [N].
         cable_time: longest time of such an estimate [s].
@@ -56,8 +59,11 @@ class SafetyConfig:
     rotation_range: Positive = 0.7
     speed_loaded: Positive = 0.02
     speed_free: Positive = 0.25
+    rotation_speed_loaded: Positive = 0.05
+    rotation_speed_free: Positive = 1.0
     pose_age: Positive = 0.1
     pose_jump: Positive = 0.01
+    rotation_jump: Positive = 0.02
     state_age: Positive = 0.02
     cable_tension: Positive = 12.0
     cable_time: Positive = 0.01

@@ -30,9 +30,9 @@ class PoseWatch:
         self._rotation = np.array(rig.geometry.reference_rotation)
         self._range = np.array(config.position_range)
         self._newest_s = np.nan
-        self._place: FloatArray | None = None
-        self._window: tuple[float, FloatArray] | None = None
-        self._speed = 0.0
+        self._place: tuple[FloatArray, FloatArray] | None = None
+        self._window: tuple[float, FloatArray, FloatArray] | None = None
+        self._speed = self._turning = 0.0
         self._fault: BridgeFault | None = None
 
     def hear(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
@@ -51,8 +51,8 @@ class PoseWatch:
         self._newest_s = now_s
         if self._fault is not None:
             return False
-        self._place = np.array(position)
-        self._measure_speed(now_s, self._place)
+        self._place = np.array(position), np.array(rotation)
+        self._measure_speed(now_s, *self._place)
         return True
 
     def rest(self) -> None:
@@ -85,6 +85,14 @@ class PoseWatch:
                 f"the platform moves at {1e3 * self._speed:.0f} mm/s, "
                 f"{1e3 * allowed:.0f} mm/s allowed in {mode.name}",
             )
+        config = self._config
+        allowed = config.rotation_speed_loaded if mode in LOADED else config.rotation_speed_free
+        if not self._turning <= allowed:
+            return BridgeFault(
+                FaultName.POSE_SPEED,
+                f"the platform turns at {self._turning:.2f} rad/s, {allowed:g} rad/s allowed in "
+                f"{mode.name}",
+            )
         return None
 
     def _find(self, now_s: float, position: FloatArray, rotation: FloatArray) -> BridgeFault | None:
@@ -97,8 +105,7 @@ class PoseWatch:
                 f"the platform is {1e3 * offset[axis]:.0f} mm off its reference in {AXES[axis]}, "
                 f"{1e3 * self._range[axis]:.0f} mm allowed",
             )
-        cosine = 0.5 * (float(np.trace(self._rotation.T @ rotation)) - 1.0)
-        angle = float(np.arccos(min(max(cosine, -1.0), 1.0)))
+        angle = _angle_between(self._rotation, rotation)
         if not angle <= config.rotation_range:
             return BridgeFault(
                 FaultName.POSE,
@@ -106,16 +113,32 @@ class PoseWatch:
             )
         if self._place is None:
             return None
-        jump = float(np.linalg.norm(position - self._place))
-        if not jump <= config.pose_jump + config.speed_free * (now_s - self._newest_s):
+        elapsed_s = now_s - self._newest_s
+        jump = float(np.linalg.norm(position - self._place[0]))
+        if not jump <= config.pose_jump + config.speed_free * elapsed_s:
             return BridgeFault(FaultName.POSE, f"the platform's pose jumped by {1e3 * jump:.0f} mm")
+        turn = _angle_between(self._place[1], rotation)
+        if not turn <= config.rotation_jump + config.rotation_speed_free * elapsed_s:
+            return BridgeFault(
+                FaultName.POSE, f"the platform's pose turned by {turn:.3f} rad at once"
+            )
         return None
 
-    def _measure_speed(self, now_s: float, position: FloatArray) -> None:
+    def _measure_speed(self, now_s: float, position: FloatArray, rotation: FloatArray) -> None:
         if self._window is None:
-            self._window = (now_s, position)
+            self._window = (now_s, position, rotation)
             return
-        began_s, where = self._window
+        began_s, where, turned = self._window
         if now_s - began_s >= SPEED_WINDOW_S:
             self._speed = float(np.linalg.norm(position - where)) / (now_s - began_s)
-            self._window = (now_s, position)
+            self._turning = _angle_between(turned, rotation) / (now_s - began_s)
+            self._window = (now_s, position, rotation)
+
+
+def _angle_between(one: FloatArray, other: FloatArray) -> float:
+    """Return the angle [rad] between two orientations (3, 3).
+
+    By the chord between them: the arc cosine of the trace has no digits left near zero.
+    """
+    chord = float(np.linalg.norm(other - one)) / np.sqrt(8.0)
+    return 2.0 * float(np.arcsin(min(chord, 1.0))) if chord == chord else np.nan

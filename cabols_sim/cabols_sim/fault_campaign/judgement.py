@@ -67,9 +67,9 @@ class TrialResult:
         kind: name of the kind.
         seed: of its draw.
         detected: whether any node said so.
-        detection: the first report, "node: reason", for people.
+        detection: the first report of a fault (without one: the first of all), "node: reason".
         found_by: the node of that report, with the name of what it found: for the table.
-        detection_time_s: from the fault to the first report.
+        detection_time_s: from the fault to that report.
         safe_time_s: from detection until the rig is safe for good; see judge.
         peak_tension_n: from the fault on.
         peak_force_n: of the wrench.
@@ -112,7 +112,9 @@ def judge(kind: str, seed: int, data: TrialData) -> TrialResult:
     for good, and with it the simulated physics, the rig counts as safe: that watchdog is shown by
     the frozen bridge and by tests/hw/test_daq_contract.py.
     """
-    first = min(data.reports, key=lambda report: report.stamp_s, default=None)
+    # A notice may have another cause: it counts only where no fault is ever reported.
+    telling = [report for report in data.reports if report.fault] or data.reports
+    first = min(telling, key=lambda report: report.stamp_s, default=None)
     force = float(np.linalg.norm(data.wrench[:, :3], axis=1).max(initial=0.0))
     torque = float(np.linalg.norm(data.wrench[:, 3:], axis=1).max(initial=0.0))
     tension = data.tension.max(axis=1, initial=0.0)

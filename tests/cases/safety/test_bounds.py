@@ -102,7 +102,6 @@ def commanded(bench, limb, current_a):
     return Peaks(bench).run(4.0, after=0.6)
 
 
-@fails_today(13, "no rule for the rotation; the bridge unloads by a false matrix")
 def test_pose_that_turns_at_once(loaded):
     """By 0.69 rad about y from one packet to the next, at the same position."""
     turn = Rotation.from_rotvec([0.0, 0.69, 0.0]).as_matrix()
@@ -117,7 +116,6 @@ def test_pose_that_turns_at_once(loaded):
     assert Peaks(loaded).run(2.0).tension <= BOUND_N
 
 
-@fails_today(13, "the reaction pulls by a signal that is known to be false")
 def test_encoder_that_loses_counts(loaded):
     """Limb 4's, 0.3 m/s of them, under load."""
     sense, began = loaded.plant.sense, loaded.now_s

@@ -81,7 +81,6 @@ def test_fault_alone_is_the_detection(fault):
     assert judged(fault).detection_time_s == pytest.approx(0.300)
 
 
-@fails_today(13, "a notice before the fault counts as its detection")
 def test_notice_before_the_fault_is_no_detection(fault):
     notice = Report(0.020, "wrench_controller", "desired_wrench is older than 0.25 s", False)
     assert judged(notice, fault).detection_time_s == pytest.approx(0.300)
