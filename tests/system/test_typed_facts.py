@@ -22,7 +22,6 @@ ALLOWED = {
     "cabols_control/new_rig.py _geometry": "lines of a rig's YAML file, kept with their comments",
     "cabols_control/migrate.py without_keys": "keys of a YAML file, by line",
     "cabols_sim/bench/busiest.py processor_seconds": "a line of /proc, in the kernel's format",
-    "cabols_hw/abb/rws.py _flag": "a RAPID variable's value, TRUE or FALSE",
     "cabols_hw/force_torque/ati.py _unit": "a unit in ATI's calibration file",
     "cabols_hw/force_torque/ati.py _torque_unit": "a unit in ATI's calibration file",
     "cabols_hw/tracker/client.py aim": "an enumeration of the tracker's protocol",
@@ -31,8 +30,6 @@ ALLOWED = {
     # Words of a command line.
     "cabols_control/command_line.py _rig": "value of the option --rig",
     "cabols_control/rig_folder.py find_rig": "name or folder of a rig",
-    # What another library tells by a text alone.
-    "cabols_hw/abb/rws.py _ask": "abb_robot_client raises a bare Exception for a wrong password",
     # A text is shown again only if it has changed; what it says is not looked at.
     "cabols_control/console/latest.py tell": "the same line within a second is shown once",
     "cabols_control/nodes/commission.py run": "a refusal is shown once",

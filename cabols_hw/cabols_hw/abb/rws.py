@@ -1,164 +1,75 @@
-"""Moves the robot to its stored configurations: RAPID variables over Robot Web Services.
-
-The program on the controller is rapid/cabols.mod. Its handshake: the rig writes cabols_target,
-cabols_done := FALSE and cabols_go := TRUE; the program takes cabols_go back, moves, and sets
-cabols_done, or cabols_error. Before it starts the program the rig sets cabols_error := -1 and
-waits until main has cleared it: only then has the program dropped old demands and accepts new ones.
-"""
+"""Moves the robot to its stored configurations, over Robot Web Services of either version."""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
-
-import requests
-from abb_robot_client.rws import RWS, ABBException
-from requests.adapters import HTTPAdapter
+from contextlib import suppress
 
 from cabols_control.naming import configuration_name
-from cabols_hw.abb.errors import MoveAbortedError, RobotError
+from cabols_hw.abb.errors import MoveAbortedError, RobotError, RwsError, RwsFailure
+from cabols_hw.abb.rapid_handshake import RapidHandshake, judge_motion
+from cabols_hw.abb.rws_client import RwsLane, RwsSession
+from cabols_hw.abb.rws_stop import StopAttempts
 
-T = TypeVar("T")
+__all__ = ["RobotMover", "judge_motion"]
 
-STARTING = -1
-REASONS = {
-    1: "the RAPID program has no such configuration: are both files of the same version?",
-    2: "the motion failed on the controller: read its event log",
-}
+POLL_S = 0.2
+"""Shortest period of asking the controller whether the motion is done."""
 
-
-def judge_motion(error: int, done: bool, running: bool) -> bool:
-    """Whether the demanded motion is complete.
-
-    Args:
-        error: cabols_error.
-        done: cabols_done.
-        running: whether RAPID runs.
-
-    Raises:
-        RobotError: if it can no longer be completed.
-    """
-    if error:
-        raise RobotError(f"robot: {REASONS.get(error, f'RAPID program reports error {error}')}")
-    if done:
-        return True
-    if not running:
-        raise RobotError(
-            "robot: RAPID has stopped before the motion was done (emergency stop, operator or a "
-            "program error): clear it on the controller, then ask again"
-        )
-    return False
-
-
-class _TimedAdapter(HTTPAdapter):
-    """Gives every request a time-out; abb_robot_client sets none and would wait without end."""
-
-    def __init__(self, timeout_s: float) -> None:
-        self._timeout_s = timeout_s
-        super().__init__()
-
-    def send(self, *args: Any, **options: Any) -> Any:
-        if options.get("timeout") is None:
-            options["timeout"] = self._timeout_s
-        return super().send(*args, **options)
+LOG_OUT_S = 0.5
 
 
 class RobotMover:
-    """Starts, watches and aborts motions; one at a time, from one thread."""
+    """Starts, watches and aborts motions, one at a time.
 
-    def __init__(self, url: str, user: str, password: str, timeout_s: float = 2.0) -> None:
+    The controller's version is found by asking it. abort() may come from any thread.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        user: str,
+        password: str,
+        timeout_s: float = 2.0,
+        certificate: str = "",
+    ) -> None:
         """Prepare; nothing is sent yet.
 
         Args:
-            url: of the controller, e.g. http://192.168.125.1:80.
+            url: of the controller, e.g. http://192.168.125.1:80 or https://192.168.125.1.
             user: of the controller.
             password: its password; never logged.
-            timeout_s: of every request, and of the program's start.
+            timeout_s: of every request with its retries, and of the program's start.
+            certificate: PEM file for https; empty: the controller's own is taken as it is.
+
+        Raises:
+            RobotError: if the address or the certificate cannot be used.
         """
-        self._url = url
         self._timeout_s = timeout_s
-        self._rws = RWS(url, user, password)
-        self._rws._session.mount("http://", _TimedAdapter(timeout_s))
+        self._session = RwsSession(url, user, password, certificate)
+        self._program = self._new_program()
 
-    def _ask(self, what: str, request: Callable[[], T]) -> T:
-        """Make a request; turn every failure into a RobotError that says what to do."""
-        try:
-            return request()
-        except ABBException as error:
-            raise RobotError(f"robot: {what} refused: {error} (code {error.code})") from error
-        except requests.exceptions.RequestException as error:
-            raise RobotError(
-                f"robot: no answer from {self._url} within {self._timeout_s:g} s "
-                f"({type(error).__name__}): check address, cable and controller"
-            ) from error
-        except RobotError:
-            raise
-        # abb_robot_client raises a plain Exception for a non-JSON answer, e.g. a wrong password.
-        except Exception as error:
-            text = str(error)
-            if "401" in text:
-                raise RobotError(
-                    f"robot: {self._url} does not accept this user and password: check them"
-                ) from error
-            raise RobotError(f"robot: {what} failed: {text}") from error
+    def _new_program(self, timeout_s: float = 0.0) -> RapidHandshake:
+        return RapidHandshake(RwsLane(self._session, timeout_s or self._timeout_s), self._timeout_s)
 
-    def _number(self, name: str) -> float:
-        return self._ask(f"reading {name}", lambda: float(self._rws.get_rapid_variable(name)))
-
-    def _flag(self, name: str) -> bool:
-        text = self._ask(f"reading {name}", lambda: str(self._rws.get_rapid_variable(name)))
-        return text.strip().upper() == "TRUE"
-
-    def _write(self, name: str, value: str) -> None:
-        self._ask(f"writing {name}", lambda: self._rws.set_rapid_variable(name, value))
+    @property
+    def version(self) -> str:
+        """Version of Robot Web Services; asks the controller at first."""
+        return self._program.lane.dialect().version
 
     def running(self) -> bool:
         """Whether RAPID runs."""
-        state = self._ask("reading the execution state", self._rws.get_execution_state)
-        return bool(state.ctrlexecstate == "running")
+        return self._program.running()
 
     def check_ready(self) -> None:
         """Raise RobotError unless the controller is in AUTO with its motors on."""
-        mode = self._ask("reading the operation mode", self._rws.get_operation_mode)
-        if mode != "AUTO":
-            raise RobotError(f"robot: controller is in {mode}: turn its key to AUTO")
-        state = self._ask("reading the controller's state", self._rws.get_controller_state)
-        if state != "motoron":
-            raise RobotError(
-                f"robot: controller is in state {state}: release emergency stops, press motors on"
-            )
+        self._program.check_ready()
 
     def start_move(self, index: int) -> None:
-        """Demand a motion; starts the program where it does not run.
-
-        Args:
-            index: of the stored configuration.
-
-        Raises:
-            RobotError: if the controller cannot be reached or refuses; see check_ready.
-        """
-        if not self.running():
-            self._start_program()
-        self._write("cabols_target", str(int(index)))
-        self._write("cabols_done", "FALSE")
-        self._write("cabols_error", "0")
-        self._write("cabols_go", "TRUE")
-
-    def _start_program(self) -> None:
-        """Start the program from main: continuing would complete the aborted motion."""
-        self._write("cabols_error", str(STARTING))
-        self._ask("program pointer to main", self._rws.resetpp)
-        self._ask("starting RAPID", lambda: self._rws.start(cycle="forever"))
-        give_up = time.monotonic() + self._timeout_s
-        while self._number("cabols_error") == STARTING:
-            if time.monotonic() > give_up:
-                self.abort()
-                raise RobotError(
-                    f"robot: the RAPID program did not begin within {self._timeout_s:g} s; "
-                    "is cabols.mod loaded, with its main?"
-                )
-            time.sleep(0.02)
+        """Demand a motion; starts the program where it does not run. See RapidHandshake.demand."""
+        self._program.demand(index)
 
     def done(self) -> bool:
         """Whether the demanded motion is complete.
@@ -166,9 +77,7 @@ class RobotMover:
         Raises:
             RobotError: if it can no longer be completed.
         """
-        # Read done before running: the motion may end, and RAPID stop, between the two reads.
-        done = self._flag("cabols_done")
-        return judge_motion(int(self._number("cabols_error")), done, done or self.running())
+        return self._program.done()
 
     def abort(self) -> None:
         """Stop RAPID, and with it the robot; withdraw the demand.
@@ -176,13 +85,20 @@ class RobotMover:
         Raises:
             RobotError: if the controller did not accept it: use its emergency stop.
         """
-        try:
-            self._ask("stopping RAPID", self._rws.stop)
-        except RobotError as error:
+        stop = StopAttempts(self._session)
+        stopped = _failure_of(stop.run)
+        # The demand is withdrawn after a stop that failed, too: it would be obeyed later.
+        program = self._new_program()
+        withdrawn = _failure_of(program.withdraw)
+        program.lane.close()
+        if stopped is not None:
             raise RobotError(
-                f"{error}; THE ROBOT MAY STILL MOVE: use its emergency stop"
-            ) from error
-        self._write("cabols_go", "FALSE")
+                f"{stopped}; THE ROBOT MAY STILL MOVE: use its emergency stop"
+            ) from stopped
+        if withdrawn is not None:
+            raise RobotError(
+                f"{withdrawn}; RAPID is stopped, but its old demand was not withdrawn"
+            ) from withdrawn
 
     def move(
         self,
@@ -193,11 +109,14 @@ class RobotMover:
     ) -> None:
         """Move and wait for the end; after any failure stop the robot first.
 
+        The requests run in a thread of their own, so that one which hangs holds up no stop. What
+        was not begun is not stopped: another program may run.
+
         Args:
             index: of the stored configuration.
             timeout_s: for the whole motion.
-            interrupted: called between polls; a reason, to abort for it, or an empty string.
-            poll_s: period of reading the done flag.
+            interrupted: called every poll_s; a reason, to abort for it, or an empty string.
+            poll_s: its period; the controller is asked less often, see POLL_S.
 
         Raises:
             MoveAbortedError: after an interruption or the time-out; the robot has been stopped.
@@ -208,26 +127,130 @@ class RobotMover:
         if reason:
             raise MoveAbortedError(f"{motion} not begun: {reason}")
         give_up = time.monotonic() + timeout_s
-        self.check_ready()
-        try:
-            self.start_move(index)
-            while not self.done():
+        errand = _Errand(self._program, index)
+        while not errand.ended.wait(poll_s):
+            try:
                 reason = interrupted()
-                if not reason and time.monotonic() > give_up:
-                    reason = f"not done within {timeout_s:g} s"
-                if reason:
-                    raise MoveAbortedError(f"{motion} aborted: {reason}")
-                time.sleep(poll_s)
-        except RobotError as error:
-            self._abort_after(error)
-            raise
+            except BaseException as error:
+                errand.cancel()
+                self._give_up(errand, RobotError(f"{motion} aborted: {error!r}"))
+            if not reason and time.monotonic() > give_up:
+                reason = f"not done within {timeout_s:g} s"
+            if reason:
+                errand.cancel()
+                self._give_up(errand, MoveAbortedError(f"{motion} aborted: {reason}"))
+        if errand.failure is not None:
+            self._give_up(errand, errand.failure)
+        self._program.give_mastership()
 
-    def _abort_after(self, error: RobotError) -> None:
+    def _give_up(self, errand: _Errand, error: RobotError) -> None:
+        """Stop the robot if its motion was begun; raise the error."""
+        self._program = self._new_program()
         try:
-            self.abort()
+            if errand.begun:
+                self.abort()
+                errand.ended.wait(self._timeout_s)
+                # What the errand had sent before may have been obeyed after the stop.
+                if self._program.running():
+                    self.abort()
         except RobotError as second:
             raise RobotError(f"{error}; {second}") from error
+        finally:
+            with suppress(RobotError):
+                self._program.give_mastership()
+        raise error
 
     def close(self) -> None:
         """Log out, as controllers have few sessions."""
-        self._rws.close()
+        self._program.lane.close()
+        if self._session.logged_in:
+            lane = RwsLane(self._session, LOG_OUT_S)
+            # A session that stays ends by itself after some minutes.
+            with suppress(RwsError):
+                lane.ask(lane.dialect().log_out())
+            lane.close()
+            self._session.forget()
+
+
+def _failure_of(action: Callable[[], None]) -> RobotError | None:
+    try:
+        action()
+    except RobotError as error:
+        return error
+    return None
+
+
+class _Errand:
+    """The requests of one motion, in a thread.
+
+    Attributes:
+        ended: set at its end.
+        failure: what ended it; None for a motion that is done.
+        begun: whether a request was made that may move the robot.
+    """
+
+    def __init__(self, program: RapidHandshake, index: int) -> None:
+        self._program, self._index = program, index
+        self._lock = threading.Lock()
+        self._cancelled = False
+        self.begun = False
+        self.failure: RobotError | None = None
+        self.ended = threading.Event()
+        threading.Thread(target=self._run, name="rws_move", daemon=True).start()
+
+    def cancel(self) -> None:
+        """End it; from then on `begun` does not change."""
+        with self._lock:
+            self._cancelled = True
+        self._program.lane.cancel()
+
+    def _begin(self) -> None:
+        with self._lock:
+            if self._cancelled:
+                raise RwsError(RwsFailure.CANCELLED, "robot: the motion was given up")
+            self.begun = True
+
+    def _run(self) -> None:
+        try:
+            self._program.check_ready()
+            if not self._program.demand(self._index, self._begin):
+                self._await_taken()
+            self._poll()
+        except RobotError as error:
+            self.failure = error
+        except Exception as error:
+            # Whatever it is: a robot that moves unwatched must be stopped.
+            self.failure = RobotError(f"robot: {type(error).__name__}: {error}")
+        finally:
+            self.ended.set()
+
+    def _await_taken(self) -> None:
+        """Wait until the program takes the demand; withdraw it if another program runs."""
+        program = self._program
+        give_up = time.monotonic() + program.start_timeout_s
+        while program.flag("cabols_go"):
+            if time.monotonic() > give_up:
+                if program.take_back():
+                    self._not_begun()
+                    raise RobotError(
+                        "robot: RAPID runs, but not the program of cabols.mod: nobody took the "
+                        "demand, which is withdrawn; stop the other program, then ask again"
+                    )
+                return
+            program.lane.cancelled.wait(POLL_S)
+
+    def _not_begun(self) -> None:
+        with self._lock:
+            self.begun = self.begun and self._cancelled
+
+    def _poll(self) -> None:
+        program, looks = self._program, 0
+        while not program.flag("cabols_done"):
+            # Errors and stops are rarer than ends: a controller has few requests to spare.
+            if looks % 2 == 0:
+                judge_motion(int(program.number("cabols_error")), done=False, running=True)
+            elif looks % 4 == 1 and not program.running() and program.done():
+                return
+            looks += 1
+            program.lane.cancelled.wait(POLL_S)
+        judge_motion(int(program.number("cabols_error")), done=True, running=True)

@@ -15,7 +15,7 @@ import pytest
 
 from cabols_hw.abb.errors import RobotError
 from cabols_hw.abb.rws import RobotMover
-from cases import fails_today, outcome
+from cases import outcome
 from rws_fake import DROP, PASSWORD, USER, FakeController, failure_body
 
 MODULE_VARIABLES = ("cabols_target", "cabols_error")
@@ -64,7 +64,6 @@ class TestStop:
         assert dropped
         return controller
 
-    @fails_today(14, "the stop is asked once; RAPID runs on")
     def test_stop_is_repeated_after_a_dropped_connection(self, stopped):
         assert stopped.stops() >= 2
         assert not stopped.running
@@ -80,7 +79,6 @@ def test_good_controller_moves(controllers):
     assert controller.stops() == 0
 
 
-@fails_today(14, "a code without what to do")
 @pytest.mark.parametrize(
     ("options", "word"),
     [
@@ -100,14 +98,12 @@ def mastership(method, _path, _action):
     return (403, failure_body(-1073445865)) if method == "POST" else None
 
 
-@fails_today(14, "a code without what to do")
 def test_mastership_of_the_pendant_is_reported(controllers):
     error = move(controllers(fail=mastership))
     assert isinstance(error, RobotError)
     assert "mastership" in str(error)
 
 
-@fails_today(14, "a foreign program is stopped")
 def test_program_that_was_not_started_is_not_stopped(controllers):
     """The module cabols is not loaded: another program runs, which is none of ours."""
     controller = controllers()
@@ -130,10 +126,7 @@ def ends(url, timeout_s):
     return ended.wait(PATIENCE_S)
 
 
-@pytest.mark.parametrize(
-    "scheme",
-    ["http", pytest.param("https", marks=fails_today(14, "https requests have no time-out"))],
-)
+@pytest.mark.parametrize("scheme", ["http", "https"])
 def test_mute_controller_is_given_up(scheme):
     with socket.create_server(("127.0.0.1", 0)) as mute:
         assert ends(f"{scheme}://127.0.0.1:{mute.getsockname()[1]}", 0.5)
@@ -157,7 +150,6 @@ class Dripping(BaseHTTPRequestHandler):
         """Say nothing."""
 
 
-@fails_today(13, "the time-out is for each read, not for the whole request")
 def test_controller_that_drips_is_given_up():
     server = ThreadingHTTPServer(("127.0.0.1", 0), Dripping)
     server.daemon_threads = True
