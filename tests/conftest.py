@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import tempfile
 
 import numpy as np
 import pytest
 
 # What `make` sets too, for who runs pytest by hand.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+# A test's bridge neither reads nor writes the biases of this computer's rigs.
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cabols_state_")
 
 from cabols_control.rig import load_rig
 from cabols_hw.card.config import load_card

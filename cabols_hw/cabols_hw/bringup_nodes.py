@@ -15,6 +15,7 @@ BRIDGE = NodeSpec(
         *OF_EVERY_LOOP,
         "card_file",
         "safety_file",
+        "bias_file",
         "watchdog",
         "cpu_latency_us",
         "cpu",
@@ -43,6 +44,12 @@ ROBOT = NodeSpec(
 ARGUMENTS = (
     Argument("card_file", "", "YAML of the card's scaling; empty: the rig's"),
     Argument("safety_file", "", "YAML of the safety envelope; empty: the rig's"),
+    Argument(
+        "bias_file",
+        "",
+        "file of the force/torque sensor's bias; empty: in the user's state folder, for the "
+        "simulated rig none",
+    ),
     Argument(
         "robot_configurations_file",
         "",

@@ -19,6 +19,7 @@ PLANT = NodeSpec(
         *OF_EVERY_LOOP,
         "card_file",
         "safety_file",
+        "bias_file",
         "robot_configurations_file",
         "watchdog",
         "cpu_latency_us",

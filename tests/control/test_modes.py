@@ -176,6 +176,23 @@ def test_automatic_sequence():
     assert seen == [STOPPED, PRETIGHTENING, LOADING]
 
 
+def test_no_load_without_the_sensors_bias():
+    core = supervised(report_timeout_s=100.0)
+    hear(core, 0.0, READY)
+    assert core.request(PRETIGHTENING, 0.0).allowed
+    hear(core, 0.1, READY)
+    core.hear_notice("q8_ati_bridge", Fault(FaultName.NOT_TARED, "tare refused: limb 3"))
+    refused = core.request(LOADING, 0.1)
+    assert not refused.allowed
+    assert refused.fault == FaultName.NOT_TARED
+    assert "limb 3" in refused.reason
+    assert core.request(FREE, 0.1).allowed, "a load can be taken off without a bias"
+    assert core.request(PRETIGHTENING, 0.1).allowed
+    hear(core, 0.2, READY)
+    core.hear_notice("q8_ati_bridge", Fault(FaultName.TARE_REFUSED, "the bias before stays"))
+    assert core.request(LOADING, 0.2).allowed
+
+
 def test_automatic_sequence_does_not_restart_after_a_reset():
     core = supervised(auto_start=True, report_timeout_s=100.0)
     for k in range(2000):

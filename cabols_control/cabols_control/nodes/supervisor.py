@@ -163,10 +163,12 @@ class SupervisorNode(ControlNode):
             return
         in_fault = message.state == LoopStatus.FAULT
         name = fault_name(message.fault, in_fault)
-        fault = Fault(name, message.reason) if in_fault and name is not None else None
+        said = Fault(name, message.reason) if name is not None else None
+        fault = said if in_fault else None
         stamp_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         with self._lock:
             running = message.state == LoopStatus.RUNNING
+            self._core.hear_notice(message.node, None if in_fault else said)
             self._core.hear_report(message.node, self._now_s(), running, fault, stamp_s)
             self._publish_change()
 

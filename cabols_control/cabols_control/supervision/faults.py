@@ -47,6 +47,12 @@ class FaultName(str, Enum):
     """A desired wrench or tension cannot be used; the one before stays in force."""
     DESIRED_AGE = "desired_age"
     """The desired wrench or tensions are stale: they are ramped down."""
+    NOT_TARED = "not_tared"
+    """The force/torque sensor's bias is not known: no load may be commanded."""
+    TARE_REFUSED = "tare_refused"
+    """The bias before stays in force."""
+    LOAD_HELD = "load_held"
+    """At rest, the gears hold a load; a notice, with a healthy state."""
     # Found by the robot's bridge.
     STREAM_SILENT = "stream_silent"
     STREAM_QUALITY = "stream_quality"

@@ -67,6 +67,7 @@ class Supervision:
         self._started = False
         self._reports: dict[str, float] = {}
         self._complaints: dict[str, Fault] = {}
+        self._untared: dict[str, str] = {}
         self._platform: FloatArray | None = None
         self._platform_s = -np.inf
         self._platform_speed = 0.0
@@ -183,6 +184,18 @@ class Supervision:
             self._platform_speed = moved / (stamp_s - self._platform_s)
         self._platform, self._platform_s = np.array(position), stamp_s
 
+    def hear_notice(self, node: str, notice: Fault | None) -> None:
+        """Take what a node without a fault says about itself.
+
+        Args:
+            node: its name.
+            notice: what it says; None for nothing.
+        """
+        if notice is not None and notice.name == FaultName.NOT_TARED:
+            self._untared[node] = notice.reason
+        else:
+            self._untared.pop(node, None)
+
     def hear_report(
         self, node: str, now_s: float, running: bool, fault: Fault | None, stamp_s: float
     ) -> None:
@@ -254,6 +267,9 @@ class Supervision:
             if silent:
                 reason = f"no report from {', '.join(silent)}: not running?"
                 return Verdict(ResultCode.NOT_READY, reason)
+        if requested == OperatingMode.LOADING:
+            for node, reason in self._untared.items():
+                return Verdict(ResultCode.FAULT_REPORTED, f"{node}: {reason}", FaultName.NOT_TARED)
         condition = Condition(self._zeros(), self._fresh(now_s), self._platform_speed)
         verdict = self._machine.request(requested, condition)
         if self.mode != before:

@@ -18,9 +18,11 @@ from cabols_hw.bridge.scaling import (
     loaded_wrench_into,
     volts_into,
 )
+from cabols_hw.bridge.tare import SensorTare
 from cabols_hw.card.config import CardConfig
 from cabols_hw.card.daq import CardSample
 from cabols_hw.force_torque.ati import AXES
+from cabols_hw.force_torque.sensor_bias import SensorBias
 from cabols_hw.force_torque.tool_weight import tool_weight_into
 
 SATURATED_VOLTS = 9.98
@@ -42,6 +44,7 @@ class Bridge:
             in the platform's present orientation [N, N m].
         load: (6,) whole load of the sensor, at its origin, sensor axes [N, N m].
         tared: whether the sensor's bias is known.
+        sensor_tare: which bias is in force, and why none is.
         saturated_gauge: whether the newest sample had a gauge at its end.
         saturation: saturated gauge or axis of load of the newest sample, in words; empty for none.
         gauges: (6,) newest gauge voltages [V].
@@ -65,12 +68,9 @@ class Bridge:
         self._sensor = np.zeros(1, SENSOR_READING)
         self._sensor["matrix"], self._sensor["transform"] = card.ft_matrix, card.sensor_transform
         self._sensor["limits"], self._sensor["volts_limit"] = card.sensor_limits, SATURATED_VOLTS
-        self._bias_sum = np.zeros(6)
-        self._bias_count = 0
         self._to_sensor = np.ascontiguousarray(np.linalg.inv(card.sensor_transform))
         self._centre_of_mass = np.array(card.tool_centre_of_mass)
         self._weight = np.zeros(6)
-        self._weight_sum = np.zeros(6)
         self._limits = card.sensor_limits
         self._gauge = self._axis = -1
         self._volts = np.zeros(n)
@@ -87,6 +87,14 @@ class Bridge:
         self.wrench = np.zeros(6)
         self.load = np.zeros(6)
         self.tared = False
+        self.sensor_tare = SensorTare(
+            card.sensor_serial,
+            card.ft_matrix,
+            card.sensor_limits,
+            card.tare_samples,
+            rig.limbs.stiffness,
+            rig.limbs.switch_tension / rig.limbs.stiffness,
+        )
         self.gauges = np.zeros(6)
         self.rotation = np.eye(3)
         self.structure = np.zeros((6, n))
@@ -146,12 +154,31 @@ class Bridge:
         """(n,) currents that the newest volts() stand for [A]."""
         return self._volts * self._card.amperes_per_volt
 
-    def tare(self) -> None:
-        """Average the next samples as the sensor's bias; the tool's weight stays known."""
-        self._bias_sum[:] = 0.0
-        self._weight_sum[:] = 0.0
-        self._bias_count = 0
-        self.tared = False
+    def tare(self) -> str:
+        """Average the next samples as the sensor's bias; the tool's weight stays known.
+
+        The bias before stays in force until the new one is accepted: see SensorTare.
+
+        Returns:
+            Why it is refused at once; empty if it is not.
+        """
+        return self.sensor_tare.begin(self._work["limbs"][0], self.switch_closed)
+
+    def adopt_bias(self, bias: SensorBias) -> None:
+        """Use a bias that was measured before the start.
+
+        Args:
+            bias: of this sensor.
+        """
+        self.sensor_tare.adopt(bias)
+        self._use_bias()
+
+    def _use_bias(self) -> None:
+        """Put the bias in force, or none, where samples are converted."""
+        bias = self.sensor_tare.bias
+        self.tared = bias is not None
+        self._bias[:] = 0.0 if bias is None else bias.volts
+        self._tare_weight[:] = 0.0 if bias is None else bias.tare_weight
 
     def take(self, sample: CardSample, mode: OperatingMode, zeroing: int = 0) -> None:
         """Update all attributes from one sample.
@@ -189,8 +216,8 @@ class Bridge:
             self.tension,
         )
         weight = self._weight
-        if not self.tared:
-            self._average_bias(sample.analog, weight)
+        if self.sensor_tare.measuring or self.sensor_tare.provisional:
+            self._tare_sample(sample, weight)
         self._gauge, self._axis = loaded_wrench_into(
             self._sensor, sample.analog, weight, self.load, self.wrench
         )
@@ -209,15 +236,19 @@ class Bridge:
         rate = self._card.current_rate_limit
         return rate * duration_s if rate > 0.0 else np.inf
 
-    def _average_bias(self, volts: FloatArray, weight: FloatArray) -> None:
-        if not np.abs(volts).max() <= SATURATED_VOLTS:
+    def _tare_sample(self, sample: CardSample, weight: FloatArray) -> None:
+        """Let a tare go on, with a sample whose gauges are all within their range."""
+        tare, limbs = self.sensor_tare, self._work["limbs"][0]
+        if not tare.measuring:
+            if self.zeroed.all() and tare.settle(limbs):
+                self._use_bias()
             return
-        self._bias_sum += volts
-        self._bias_count += 1
-        np.divide(self._bias_sum, self._bias_count, out=self._bias)
-        self._weight_sum += weight
-        np.dot(self._to_sensor, self._weight_sum / self._bias_count, out=self._tare_weight)
-        self.tared = self._bias_count >= self._card.tare_samples
+        if not np.abs(sample.analog).max() <= SATURATED_VOLTS:
+            return
+        weight_on_sensor = self._to_sensor @ weight
+        args = (sample.time_ns, sample.analog, weight_on_sensor, self.wound_length)
+        if tare.sample(*args, limbs, self.switch_closed):
+            self._use_bias()
 
     def bind(self, arrays: Mapping[str, Any]) -> None:
         """Write results directly into other arrays, e.g. those of a message.

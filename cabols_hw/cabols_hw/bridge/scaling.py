@@ -20,6 +20,8 @@ LIMB_READING = np.dtype(
         ("counts", np.int64),  # since the start, unwrapped
         ("was_closed", np.int64),  # the switch at the sample before
         ("zero", np.float64),  # stretch that counts as elongation 0 [m]; NaN: unknown
+        ("stretch", np.float64),  # wound length and way between the points, newest [m]
+        ("closed_stretch", np.float64),  # the same when the switch was closed last [m]; NaN: never
     ],
     align=True,
 )
@@ -56,6 +58,7 @@ def limb_reading_work(cables: int) -> Any:
     """Build the (1,) record that `limbs_into` works on: no zeros, switches taken as closed."""
     work = np.zeros(1, _reading_dtype(cables))
     work["limbs"]["zero"] = np.nan
+    work["limbs"]["closed_stretch"] = np.nan
     work["limbs"]["was_closed"] = True
     return work
 
@@ -98,6 +101,9 @@ def limbs_into(
             limb["zero"] = stretch - own["switch_elongation"]
             zeroed[i] = True
         limb["was_closed"] = closed[i]
+        limb["stretch"] = stretch
+        if closed[i]:
+            limb["closed_stretch"] = stretch
         elongation[i] = stretch - limb["zero"]
         tension[i] = own["stiffness"] * elongation[i]
 

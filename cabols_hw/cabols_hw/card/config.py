@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import field
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ class CardConfig:
         amperes_per_volt: amplifier gain, signed.
         ft_calibration: (6, 6) wrench [N, N m] per gauge volt, sensor axes; or
         ft_calibration_file: the sensor's .cal file, relative to this file; exactly one of the two.
+        sensor_serial: serial number of a sensor without a .cal file; empty: made of its matrix.
         output_limit: largest output [V].
         current_rate_limit: how fast a current may grow [A/s]; 0 for no limit. Never delays one
             that falls.
@@ -62,6 +64,7 @@ class CardConfig:
     tool_centre_of_mass: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     wrench_limit: list[float] | None = None
     wiring: Wiring = field(default_factory=Wiring)
+    sensor_serial: str = ""
 
     def __post_init__(self) -> None:
         """Check ranges and that the calibration can be inverted."""
@@ -81,6 +84,9 @@ class CardConfig:
                 "ft_calibration, ft_calibration_file: expected exactly one of the two, got "
                 + ("none" if self.ft_calibration is None else "both")
             )
+        if not self.sensor_serial and self.ft_calibration is not None:
+            digest = sha256(np.array(self.ft_calibration, dtype=np.float64).tobytes())
+            object.__setattr__(self, "sensor_serial", f"matrix-{digest.hexdigest()[:12]}")
         # Read now, while the folder of a relative path is known; kept.
         matrix, limits = self.ft_matrix, self.sensor_limits
         if not np.linalg.cond(matrix) < 1e6:
@@ -95,6 +101,7 @@ class CardConfig:
             object.__setattr__(self, "ft_calibration_file", str(path))
             calibration = read_calibration(path)
             matrix, limits = calibration.matrix, calibration.limits
+            object.__setattr__(self, "sensor_serial", self.sensor_serial or calibration.serial)
         else:
             matrix = finite_array("ft_calibration", self.ft_calibration or [], (6, 6))
         if self.wrench_limit is not None:

@@ -25,10 +25,13 @@ from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
+from cabols_hw.ros.bias_keeper import BiasKeeper
 from cabols_hw.safety.config import SafetyConfig, load_safety
 from cabols_hw.safety.guard import BridgeGuard
 
 RING = 1024
+NOTICE_EVERY = 100
+"""Cycles between two looks at what is worth a notice."""
 ANSWER_WAIT_NS = 20_000_000
 EXTRA_WAITS = 1
 """Room in the wait set for further inputs of a derived bridge."""
@@ -43,7 +46,12 @@ class BridgeNode(ControlNode):
     In real time one thread reads the card, which paces it, and publishes; another writes each
     motor_current as it comes, so that the loop's delay is not rounded up to a period. In lockstep
     one thread does both and waits for the answer.
+
+    Attributes:
+        keeps_bias: whether the sensor's bias is kept on the disk where no file is named.
     """
+
+    keeps_bias = True
 
     def __init__(self, name: str, make_daq: DaqFactory) -> None:
         """Open the card and advertise.
@@ -60,6 +68,8 @@ class BridgeNode(ControlNode):
         geometry = self.rig.geometry
         n = geometry.cables
         self.bridge = Bridge(self.rig, self._card)
+        self._bias_keeper = BiasKeeper(self, self.bridge, self._card, self.keeps_bias)
+        self._notice: Fault | None = None
         self._watchdog_s = declare_row(self, HW_NODES.argument("watchdog")) or self._card.watchdog
         self._safety_config = self.safety_config()
         self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
@@ -342,11 +352,16 @@ class BridgeNode(ControlNode):
         fault = self._guard.fault
         self.status.late = self.daq.late
         # Until then the supervisor allows no motion: a load without a pose is a fault.
-        answered = RUNNING if self._answered and self._posed else WAITING
+        # Nor before the first tare is decided, which needs cables that nothing winds in.
+        ready = self._answered and self._posed and self.bridge.sensor_tare.judged
+        answered = RUNNING if ready else WAITING
+        if self.status.cycles % NOTICE_EVERY == 0:
+            resting = self._mode not in MOVING and not self._guard.unloading.active
+            self._notice = self._bias_keeper.look(resting)
         if fault is not None:
             self.status.cycle(stamp_ns, FAULT, fault.told())
         else:
-            self.status.cycle(stamp_ns, answered, self._refused)
+            self.status.cycle(stamp_ns, answered, self._refused or self._notice)
         self.tidy()
 
     def _tare(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -356,6 +371,9 @@ class BridgeNode(ControlNode):
             response.message = f"tare only in STOPPED, with slack cables; now {self._mode.name}"
             return response
         with self._lock:
-            self.bridge.tare()
-        response.success, response.message = True, "taring"
+            taut = self.bridge.tare()
+        response.success = not taut
+        response.message = (
+            f"refused: {taut}" if taut else "taring; the status says if it is refused"
+        )
         return response

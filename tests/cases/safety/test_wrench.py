@@ -23,7 +23,6 @@ NEAR_LIMIT = np.array([-104.8, 113.4, 71.1, 4.6, 0.4, 8.5])
 """Needs 148.8 N in one cable: within control's 150 N, beyond the envelope's 145 N [N, N m]."""
 
 
-@fails_today(13, "the start tares the load away: 110 and 128 N are called 100 N")
 @pytest.mark.parametrize("held_n", [10.0, 28.0])
 def test_load_on_the_gears_at_a_restart(make_rig, rig, card, held_n):
     """The bridge starts anew after a cut that leaves a load; then 100 N are asked for."""

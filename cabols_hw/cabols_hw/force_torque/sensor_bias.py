@@ -1,0 +1,126 @@
+"""The force/torque sensor's bias and its file: it outlives the bridge, as a load on gears does.
+
+A bridge that starts while the gears hold a load must not take that load for zero. The newest bias
+that was shown to be one is on the disk, with the sensor's serial number and the time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cabols_control.checks import FloatArray, finite_array
+from cabols_control.errors import CabolsError, ConfigError
+
+FORM = 1
+"""Version of the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorBias:
+    """What the gauges show without any cable.
+
+    Attributes:
+        serial: of the sensor and its calibration.
+        time_ns: when it was measured, since the epoch [ns].
+        volts: (6,) of the gauges [V].
+        tare_weight: (6,) weight of the tool at that time, sensor axes [N, N m].
+    """
+
+    serial: str
+    time_ns: int
+    volts: FloatArray
+    tare_weight: FloatArray
+
+    def unloaded_volts(self, matrix: FloatArray) -> FloatArray:
+        """(6,) volts without the tool, too.
+
+        Args:
+            matrix: (6, 6) of the sensor's calibration [N/V, N m/V].
+        """
+        return self.volts - np.linalg.solve(matrix, self.tare_weight)
+
+
+def state_folder() -> Path:
+    """Folder for what a rig remembers: $XDG_STATE_HOME/cabols, or ~/.local/state/cabols."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "cabols"
+
+
+def bias_path(serial: str) -> Path:
+    """File of a sensor's bias in the state folder.
+
+    Args:
+        serial: of the sensor.
+    """
+    return state_folder() / f"bias_{re.sub(r'[^A-Za-z0-9_.-]', '_', serial)}.json"
+
+
+def save_bias(path: Path, bias: SensorBias) -> None:
+    """Write a bias; the file is complete or as before.
+
+    Args:
+        path: of the file; its folder is made.
+        bias: to write.
+
+    Raises:
+        CabolsError: if it cannot be written.
+    """
+    content = {
+        "form": FORM,
+        "serial": bias.serial,
+        "time_ns": int(bias.time_ns),
+        "volts": bias.volts.tolist(),
+        "tare_weight": bias.tare_weight.tolist(),
+    }
+    draft = path.with_name(path.name + ".new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with draft.open("w", encoding="utf-8") as stream:
+            json.dump(content, stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        draft.replace(path)
+    except OSError as error:
+        raise CabolsError(f"{path}: the sensor's bias cannot be written ({error})") from error
+
+
+def load_bias(path: Path, serial: str) -> SensorBias | None:
+    """Read a bias; None if there is no file yet.
+
+    Args:
+        path: of the file.
+        serial: of the sensor that is connected.
+
+    Raises:
+        ConfigError: if the file cannot be used, or is of another sensor.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: the sensor's bias cannot be read ({error})") from error
+    try:
+        content: dict[str, Any] = json.loads(text)
+        form, found = content["form"], content["serial"]
+        volts = finite_array("volts", content["volts"], (6,))
+        weight = finite_array("tare_weight", content["tare_weight"], (6,))
+        time_ns = int(content["time_ns"])
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError, CabolsError) as error:
+        raise ConfigError(
+            f"{path}: expected a sensor's bias as the bridge writes it ({error}); delete the file, "
+            "then tare with slack cables"
+        ) from error
+    if form != FORM or found != serial:
+        raise ConfigError(
+            f"{path}: expected the bias of sensor {serial!r} in form {FORM}, got {found!r} in form "
+            f"{form!r}; after an exchange of the sensor delete the file and tare with slack cables"
+        )
+    return SensorBias(serial, time_ns, volts, weight)
