@@ -71,6 +71,7 @@ WITHOUT_KEY = {
     "distributed",
     "fastapi",
     "foxglove",
+    "lz4",
     "mcap",
     "nicegui",
     "pinocchio",

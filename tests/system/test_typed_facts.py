@@ -16,7 +16,7 @@ PACKAGES = ("cabols_control", "cabols_hw", "cabols_sim", "cabols_stiffness")
 GENERATED = ("tracker_pb2.py", "tracker_pb2_grpc.py")
 ALLOWED = {
     # Formats of files and protocols: their texts are for programs.
-    "cabols_control/bags/reader.py _has_header": "fields of a message definition",
+    "cabols_control/bags/recorded_types.py has_header": "fields of a message definition",
     "cabols_control/bags/writer.py add_channel": "equal message definitions are written once",
     "cabols_control/new_rig.py _campaign": "lines of a rig's YAML file, kept with their comments",
     "cabols_control/new_rig.py _geometry": "lines of a rig's YAML file, kept with their comments",

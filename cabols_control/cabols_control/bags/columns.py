@@ -24,8 +24,13 @@ MAX_LAYOUTS = 64
 
 
 @dataclass
-class _Piece:
-    """Columns of some of the messages."""
+class Piece:
+    """Columns of some of the messages.
+
+    Attributes:
+        rows: (k,) which messages.
+        columns: by dotted field name, of k rows.
+    """
 
     rows: npt.NDArray[np.intp]
     columns: dict[str, Column]
@@ -106,7 +111,7 @@ def decode(raws: list[bytes], type_name: str, store: Typestore) -> dict[str, Col
     Raises:
         SerdeError: rosbags', if a message cannot be deserialised.
     """
-    pieces: list[_Piece] = []
+    pieces: list[Piece] = []
     rest: list[npt.NDArray[np.intp]] = []
     sizes = np.array([len(raw) for raw in raws])
     fields = _fields(type_name, store)
@@ -123,12 +128,12 @@ def decode(raws: list[bytes], type_name: str, store: Typestore) -> dict[str, Col
                 rest.append(rows)
                 break
             same = (block[:, layout.fixed] == layout.constants).all(axis=1)
-            pieces.append(_Piece(rows[same], layout.columns(block if same.all() else block[same])))
+            pieces.append(Piece(rows[same], layout.columns(block if same.all() else block[same])))
             rows, block = rows[~same], block[~same]
     if rest:
         rows = np.sort(np.concatenate(rest))
-        pieces.append(_Piece(rows, _deserialise([raws[i] for i in rows], type_name, store)))
-    return _merge(pieces, len(raws))
+        pieces.append(Piece(rows, _deserialise([raws[i] for i in rows], type_name, store)))
+    return merge(pieces, len(raws))
 
 
 def _fields(type_name: str, store: Typestore) -> tuple[Field, ...]:
@@ -183,8 +188,13 @@ def _stack(values: list[Any], code: str) -> Column:
     return arrays
 
 
-def _merge(pieces: list[_Piece], count: int) -> dict[str, Column]:
-    """Put the columns of all pieces in the order of the messages."""
+def merge(pieces: list[Piece], count: int) -> dict[str, Column]:
+    """Put the columns of all pieces in the order of the messages.
+
+    Args:
+        pieces: that together have each message once, and the same fields.
+        count: number of all messages.
+    """
     if len(pieces) == 1:
         return pieces[0].columns
     return {
@@ -196,8 +206,8 @@ def _merge(pieces: list[_Piece], count: int) -> dict[str, Column]:
 def _merge_column(parts: list[tuple[npt.NDArray[np.intp], Column]], count: int) -> Column:
     arrays = [(rows, part) for rows, part in parts if isinstance(part, np.ndarray)]
     if len(arrays) == len(parts) and len({part.shape[1:] for _, part in arrays}) == 1:
-        first = arrays[0][1]
-        whole = np.empty((count, *first.shape[1:]), first.dtype)
+        shape = arrays[0][1].shape[1:]
+        whole = np.empty((count, *shape), np.result_type(*(part for _, part in arrays)))
         for rows, part in arrays:
             whole[rows] = part
         return whole

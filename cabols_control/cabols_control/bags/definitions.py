@@ -108,9 +108,12 @@ def parse_definition(type_name: str, text: str) -> dict[str, Any]:
     Raises:
         BagError: if the text is no message definition.
     """
+    # Of other editors: a byte order mark, line ends of other systems.
+    unix = text.lstrip("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     try:
-        return dict(get_types_from_msg(text, type_name))
-    except TypesysError as error:
+        return dict(get_types_from_msg(unix, type_name))
+    except Exception as error:
+        # The parser may raise any error for a text that is none.
         raise BagError(
             f"{type_name}: expected its definition in the bag, got text that is none ({error}); "
             "record it with cabols or `ros2 bag`"

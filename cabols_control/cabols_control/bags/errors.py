@@ -11,3 +11,7 @@ class BagError(CabolsError):
 
 class MissingBagError(BagError, UsageError):
     """The named bag, or output folder of a bag, cannot be used; exit code 2."""
+
+
+class BagWarning(UserWarning):
+    """Something in a bag was left out, or is not as its totals say; what was read is right."""

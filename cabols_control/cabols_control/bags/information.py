@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.metadata import custom_data, read_metadata
-from cabols_control.bags.names import relative
+from cabols_control.bags.names import relative, type_of
 from cabols_control.command_line import did_you_mean
 
 
@@ -56,6 +56,10 @@ def bag_information(folder: str | Path) -> BagInformation:
     place = Path(folder)
     content = read_metadata(place)
     entries = content.get("topics_with_message_count") or []
-    types = {relative(e["topic_metadata"]["name"]): e["topic_metadata"]["type"] for e in entries}
-    counts = {relative(e["topic_metadata"]["name"]): int(e["message_count"]) for e in entries}
+    types: dict[str, str] = {}
+    counts: dict[str, int] = {}
+    for entry in entries:
+        topic = relative(str(entry["topic_metadata"]["name"]))
+        types[topic] = type_of(str(entry["topic_metadata"]["type"]))
+        counts[topic] = counts.get(topic, 0) + int(entry["message_count"])
     return BagInformation(place, custom_data(content), types, counts)

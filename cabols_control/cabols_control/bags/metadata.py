@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,7 @@ class TopicSummary:
     type_hash: str
     qos_text: str
     messages: int = 0
+    encoding: str = "cdr"
 
 
 @dataclass
@@ -79,35 +81,49 @@ class Summary:
         return 0 if self.start_ns is None else self.end_ns - self.start_ns
 
 
-def write_metadata(folder: Path, summary: Summary, custom: dict[str, str]) -> None:
+@dataclass(frozen=True)
+class Compression:
+    """rosbag2's own compression, beside that of MCAP's chunks.
+
+    Attributes:
+        form: `zstd`, or empty.
+        mode: `FILE`, `MESSAGE`, or empty.
+    """
+
+    form: str = ""
+    mode: str = ""
+
+
+def write_metadata(
+    folder: Path,
+    summary: Summary | Sequence[Summary],
+    custom: dict[str, str],
+    compression: Compression | None = None,
+) -> None:
     """Write metadata.yaml atomically: the file is either complete or absent.
 
     Args:
         folder: of the bag.
-        summary: of its only file.
+        summary: of its only file, or of all its files in order.
         custom: free text by key, which goes into custom_data.
+        compression: of its messages; None: none.
     """
-    start = {"nanoseconds_since_epoch": summary.start_ns or 0}
-    duration = {"nanoseconds": summary.duration_ns}
+    files = [summary] if isinstance(summary, Summary) else list(summary)
+    compression = compression or Compression()
+    first = min((file.start_ns for file in files if file.start_ns is not None), default=0)
+    last = max((file.end_ns for file in files if file.start_ns is not None), default=first)
     document = {
         "rosbag2_bagfile_information": {
             "version": VERSION,
             "storage_identifier": "mcap",
-            "duration": duration,
-            "starting_time": start,
-            "message_count": summary.messages,
-            "topics_with_message_count": [_topic(topic) for topic in summary.topics],
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [summary.file_name],
-            "files": [
-                {
-                    "path": summary.file_name,
-                    "starting_time": dict(start),
-                    "duration": dict(duration),
-                    "message_count": summary.messages,
-                }
-            ],
+            "duration": {"nanoseconds": signed(last - first)},
+            "starting_time": {"nanoseconds_since_epoch": signed(first)},
+            "message_count": sum(file.messages for file in files),
+            "topics_with_message_count": [_topic(topic) for topic in _merged(files)],
+            "compression_format": compression.form,
+            "compression_mode": compression.mode,
+            "relative_file_paths": [file.file_name for file in files],
+            "files": [_file(file) for file in files],
             "custom_data": {_Text(key): _Text(value) for key, value in custom.items()} or None,
             "ros_distro": "jazzy",
         }
@@ -116,6 +132,30 @@ def write_metadata(folder: Path, summary: Summary, custom: dict[str, str]) -> No
     temporary = folder / (FILE_NAME + ".tmp")
     temporary.write_text(text, encoding="utf-8")
     temporary.replace(folder / FILE_NAME)
+
+
+def signed(time_ns: int) -> int:
+    """Time as ROS 2 reads it: MCAP's are unsigned, ROS's signed, both of 64 bits [ns]."""
+    return (time_ns + (1 << 63)) % (1 << 64) - (1 << 63)
+
+
+def _file(summary: Summary) -> dict[str, Any]:
+    return {
+        "path": summary.file_name,
+        "starting_time": {"nanoseconds_since_epoch": signed(summary.start_ns or 0)},
+        "duration": {"nanoseconds": signed(summary.duration_ns)},
+        "message_count": summary.messages,
+    }
+
+
+def _merged(files: Sequence[Summary]) -> list[TopicSummary]:
+    """One entry for a topic's channels of one type, in all files."""
+    found: dict[tuple[str, str], TopicSummary] = {}
+    for file in files:
+        for topic in file.topics:
+            entry = found.setdefault((topic.name, topic.type_name), replace(topic, messages=0))
+            entry.messages += topic.messages
+    return list(found.values())
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:
@@ -136,11 +176,16 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
         information = content["rosbag2_bagfile_information"]
-        information["relative_file_paths"][0]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, IndexError, TypeError) as error:
+        str(information["relative_file_paths"][0])
+        for entry in information.get("topics_with_message_count") or []:
+            str(entry["topic_metadata"]["name"]), str(entry["topic_metadata"]["type"])
+            int(entry["message_count"])
+        custom_data(information)
+    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError, AttributeError) as error:
         raise BagError(
             f"{path}: expected rosbag2's metadata, got something else "
-            f"({type(error).__name__}: {error}); delete it and run recover"
+            f"({type(error).__name__}: {error}); delete it and run "
+            f"`ros2 run cabols_control recover {folder}`"
         ) from error
     return dict(information)
 
@@ -156,7 +201,7 @@ def _topic(topic: TopicSummary) -> dict[str, Any]:
         "topic_metadata": {
             "name": topic.name,
             "type": topic.type_name,
-            "serialization_format": "cdr",
+            "serialization_format": topic.encoding,
             "offered_qos_profiles": yaml.safe_load(topic.qos_text) or [],
             "type_description_hash": topic.type_hash,
         },

@@ -1,4 +1,4 @@
-"""Names of topics in a bag: absolute on disk, relative to the namespace for people."""
+"""Names in a bag: topics absolute on disk, relative for people; types with their middle part."""
 
 from __future__ import annotations
 
@@ -13,3 +13,9 @@ def absolute(topic: str) -> str:
 def relative(topic: str) -> str:
     """Name below the namespace: `/cabols/limb_state` is `limb_state`, `/tf` stays."""
     return topic.removeprefix(NAMESPACE + "/")
+
+
+def type_of(name: str) -> str:
+    """Name of a type as ROS 2 has it; old writers leave `/msg/` out."""
+    package, slash, rest = name.partition("/")
+    return f"{package}/msg/{rest}" if slash and package and rest and "/" not in rest else name

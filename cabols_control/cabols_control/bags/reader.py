@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +10,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_typestore
-from rosbags.typesys.store import Typestore
 
-from cabols_control.bags.columns import Column, decode
-from cabols_control.bags.definitions import parse_definition
-from cabols_control.bags.errors import BagError
-from cabols_control.bags.metadata import custom_data, read_metadata
-from cabols_control.bags.names import absolute, relative
-from cabols_control.bags.salvage import Message, Salvage
-from cabols_control.stamps import HEADER_STAMP, column_ns, first_stamp
+from cabols_control.bags.columns import Column
+from cabols_control.bags.errors import BagError, BagWarning
+from cabols_control.bags.metadata import custom_data, read_metadata, signed
+from cabols_control.bags.names import absolute, relative, type_of
+from cabols_control.bags.recorded_types import has_header
+from cabols_control.bags.storage.files import listed, opened
+from cabols_control.bags.storage.records import ChannelInfo, Message
+from cabols_control.bags.topic_messages import TopicMessages, plain
+from cabols_control.stamps import HEADER_STAMP, STAMP, STAMP_AT, column_ns, first_stamp
 
 LOG_TIME, PUBLISH_TIME = "log_time_ns", "publish_time_ns"
 YEAR_NS = 365 * 24 * 3600 * 1_000_000_000
@@ -130,10 +130,22 @@ def read_bag(folder: str | Path, topics: Iterable[str] | Mapping[str, str] | Non
     information = read_metadata(folder)
     recorded = _recorded(information)
     wanted = _wanted(folder, recorded, topics)
-    start_ns, channels = _collect(folder, information, wanted)
+    start_ns, found = _collect(folder, information, wanted)
+    if isinstance(topics, Mapping):
+        _check_types(folder, topics, found)
     series = {}
+    refused: list[BagError] = []
     for name in wanted:
-        series[name] = _series(name, channels[name], start_ns)
+        result = _series_or_error(name, found[name], start_ns)
+        if isinstance(result, Series):
+            series[name] = result
+        else:
+            refused.append(result)
+    # Where all were asked for, one that cannot be read must not keep the others away.
+    if refused and (topics is not None or not series):
+        raise refused[0]
+    for reason in refused:
+        warnings.warn(f"{folder}: left out: {reason}", BagWarning, stacklevel=2)
     counts = {name: count for name, (_, count) in recorded.items()}
     return Bag(folder, custom_data(information), start_ns, series, counts)
 
@@ -156,10 +168,10 @@ def iterate(
     folder = Path(folder)
     information = read_metadata(folder)
     wanted = set(_wanted(folder, _recorded(information), topics))
-    for salvage, message in _messages(folder, information):
-        name = relative(salvage.channels[message.channel].topic)
+    for channel, message in _messages(folder, information):
+        name = relative(channel.topic)
         if name in wanted:
-            yield name, message.log_time_ns, message.data
+            yield name, signed(message.log_time_ns), plain(message.data)
 
 
 def batches(
@@ -187,56 +199,41 @@ def batches(
     folder = Path(folder)
     information = read_metadata(folder)
     wanted = set(_wanted(folder, _recorded(information), topics))
-    channels: dict[str, _Channel] = {}
-    numbers: dict[int, _Channel | None] = {}
-    present: Salvage | None = None
+    gathered: dict[str, TopicMessages] = {}
     count = 0
-    for salvage, message in _messages(folder, information):
-        if salvage is not present:
-            present, numbers = salvage, {}
-        if message.channel not in numbers:
-            found = salvage.channels[message.channel]
-            name, definition = relative(found.topic), found.definition
-            numbers[message.channel] = None
-            if name in wanted:
-                channel = channels.setdefault(name, _Channel(definition.type_name, definition.text))
-                numbers[message.channel] = channel
-        entry = numbers[message.channel]
-        if entry is None:
+    for channel, message in _messages(folder, information):
+        name = relative(channel.topic)
+        if name not in wanted:
             continue
-        entry.raws.append(message.data)
-        if timed:
-            entry.times.append((message.log_time_ns, message.publish_time_ns, message.sequence))
+        if name not in gathered:
+            gathered[name] = TopicMessages(name)
+        gathered[name].add(channel, message)
         count += 1
         if count >= size:
-            yield _drain(channels)
+            yield _drain(folder, gathered, topics, timed)
             count = 0
     if count:
-        yield _drain(channels)
+        yield _drain(folder, gathered, topics, timed)
 
 
-def _drain(channels: dict[str, _Channel]) -> dict[str, dict[str, Column]]:
-    """Decode the gathered messages of all channels, and drop their bytes."""
+def _drain(
+    folder: Path,
+    gathered: dict[str, TopicMessages],
+    topics: Iterable[str] | Mapping[str, str] | None,
+    timed: bool,
+) -> dict[str, dict[str, Column]]:
+    """Decode the gathered messages of all topics, and drop their bytes."""
+    if isinstance(topics, Mapping):
+        _check_types(folder, topics, gathered)
     found = {}
-    for name, channel in channels.items():
-        if channel.raws:
-            found[name] = _decode(name, channel)
-            if channel.times:
-                log_time, publish_time, *_ = np.array(channel.times, np.int64).T
+    for name, messages in gathered.items():
+        if len(messages):
+            decoded = messages.take()
+            found[name] = dict(decoded.columns)
+            if timed:
+                log_time, publish_time, _ = decoded.times.T
                 found[name].update({LOG_TIME: log_time, PUBLISH_TIME: publish_time})
-            channel.raws, channel.times = [], []
     return found
-
-
-class _Channel:
-    """Messages that one pass gathers of a topic."""
-
-    def __init__(self, type_name: str, text: str) -> None:
-        self.type_name = type_name
-        self.text = text
-        self.times: list[tuple[int, int, int]] = []
-        self.raws: list[bytes] = []
-        self.store: Typestore | None = None
 
 
 def _recorded(information: dict[str, Any]) -> dict[str, tuple[str, int]]:
@@ -244,7 +241,9 @@ def _recorded(information: dict[str, Any]) -> dict[str, tuple[str, int]]:
     found: dict[str, tuple[str, int]] = {}
     for entry in information.get("topics_with_message_count") or []:
         topic = entry["topic_metadata"]
-        found[relative(topic["name"])] = (topic["type"], int(entry["message_count"]))
+        name = relative(str(topic["name"]))
+        _, before = found.get(name, ("", 0))
+        found[name] = (type_of(str(topic["type"])), before + int(entry["message_count"]))
     return found
 
 
@@ -268,7 +267,7 @@ def _wanted(
             problems.append(
                 f"{relative(topic)}: expected {type_name or 'messages'}, not in the bag"
             )
-        elif type_name and came != type_name:
+        elif type_name and came != type_of(type_name):
             problems.append(f"{relative(topic)}: expected {type_name}, got {came}")
         elif not count:
             problems.append(f"{relative(topic)}: expected messages, got none")
@@ -277,58 +276,88 @@ def _wanted(
     return [relative(topic) for topic in types]
 
 
-def _messages(folder: Path, information: dict[str, Any]) -> Iterator[tuple[Salvage, Message]]:
-    storage = information.get("storage_identifier")
-    if storage != "mcap" or information.get("compression_mode"):
+def _check_types(
+    folder: Path, topics: Mapping[str, str], found: Mapping[str, TopicMessages]
+) -> None:
+    """Hold the types of the files, not only those of metadata.yaml, against the expected ones."""
+    for topic, expected in topics.items():
+        messages = found.get(relative(topic))
+        for came in messages.types() if messages and expected else []:
+            if came != type_of(expected):
+                raise BagError(f"{folder}: {relative(topic)}: expected {expected}, got {came}")
+
+
+def _messages(folder: Path, information: dict[str, Any]) -> Iterator[tuple[ChannelInfo, Message]]:
+    """Yield all messages, each with its channel; at the end, hold their number against the totals.
+
+    Raises:
+        BagError: if a file is not whole, or of another kind.
+    """
+    form = str(information.get("compression_format") or "")
+    if information.get("compression_mode") and form not in ("", "zstd"):
         raise BagError(
-            f"{folder}: expected MCAP files without rosbag2's own compression, got "
-            f"{storage} {information.get('compression_mode', '')}; use `ros2 bag convert`"
+            f"{folder}: expected messages or files compressed by zstd, got {form}; record it anew"
         )
-    for name in information["relative_file_paths"]:
-        salvage = Salvage(folder / Path(name).name, strict=True)
-        for message in salvage.messages():
-            if message.channel not in salvage.channels:
-                raise BagError(
-                    f"{folder}: expected only messages of known channels, got one of channel "
-                    f"{message.channel}; run recover"
-                )
-            yield salvage, message
+    counts: dict[str, int] = {}
+    unknown = 0
+    for path in listed(folder, information):
+        with opened(path) as reading:
+            for message in reading.messages():
+                if message.channel is None:
+                    unknown += 1
+                    continue
+                topic = message.channel.topic
+                counts[topic] = counts.get(topic, 0) + 1
+                yield message.channel, message
+    _compare(folder, information, counts, unknown)
+
+
+def _compare(
+    folder: Path, information: dict[str, Any], counts: dict[str, int], unknown: int
+) -> None:
+    """Say where a bag does not hold what its metadata.yaml announces."""
+    announced = _recorded(information)
+    read: dict[str, int] = {}
+    for topic, count in counts.items():
+        read[relative(topic)] = count
+    different = [
+        f"{name}: {read.get(name, 0)} of {count} messages"
+        for name, (_, count) in announced.items()
+        if read.get(name, 0) != count
+    ]
+    different += [
+        f"{name}: {count} messages that metadata.yaml does not name"
+        for name, count in read.items()
+        if name not in announced
+    ]
+    if unknown:
+        different.append(f"{unknown} messages of no known topic are left out")
+    if different:
+        warnings.warn(f"{folder}: read {'; '.join(different)}", BagWarning, stacklevel=3)
 
 
 def _collect(
     folder: Path, information: dict[str, Any], wanted: list[str]
-) -> tuple[int, dict[str, _Channel]]:
+) -> tuple[int, dict[str, TopicMessages]]:
     """Gather the wanted messages, and the first stamp of all topics with a header."""
-    found: dict[str, _Channel] = {}
+    found = {name: TopicMessages(name) for name in wanted}
     firsts: dict[str, int] = {}
-    names: dict[int, str] = {}
-    present: Salvage | None = None
-    for salvage, message in _messages(folder, information):
-        if salvage is not present:
-            present, names = salvage, {}
-        if message.channel not in names:
-            channel = salvage.channels[message.channel]
-            names[message.channel] = name = relative(channel.topic)
-            if _has_header(channel.definition.text):
-                firsts.setdefault(name, first_stamp(message.data))
-            if name not in found:
-                found[name] = _Channel(channel.definition.type_name, channel.definition.text)
-        name = names[message.channel]
-        if name in wanted:
-            entry = found[name]
-            entry.raws.append(message.data)
-            entry.times.append((message.log_time_ns, message.publish_time_ns, message.sequence))
-    if missing := [name for name in wanted if name not in found]:
+    names: dict[ChannelInfo, str] = {}
+    for channel, message in _messages(folder, information):
+        if channel not in names:
+            names[channel] = name = relative(channel.topic)
+            data = plain(message.data)
+            if name not in firsts and len(data) >= STAMP_AT + STAMP.size and has_header(channel):
+                firsts[name] = first_stamp(data)
+        name = names[channel]
+        if name in found:
+            found[name].add(channel, message)
+    if missing := [name for name in wanted if not len(found[name])]:
         raise BagError(
             f"{folder}: expected {', '.join(map(absolute, missing))} as metadata.yaml says, got "
-            "none; delete metadata.yaml and run recover"
+            f"none; delete metadata.yaml and run `ros2 run cabols_control recover {folder}`"
         )
     return _first_of(firsts), found
-
-
-def _has_header(text: str) -> bool:
-    fields = (line for line in text.splitlines() if "=" not in line and line.strip())
-    return next(fields, "").split()[:1] in (["std_msgs/Header"], ["std_msgs/msg/Header"])
 
 
 def _first_of(firsts: dict[str, int]) -> int:
@@ -339,21 +368,17 @@ def _first_of(firsts: dict[str, int]) -> int:
     return stamps[0] if stamps else 0
 
 
-def _decode(name: str, channel: _Channel) -> dict[str, Column]:
-    if channel.store is None:
-        channel.store = _store(channel)
+def _series_or_error(name: str, messages: TopicMessages, start_ns: int) -> Series | BagError:
     try:
-        return decode(channel.raws, channel.type_name, channel.store)
-    except SerdeError as error:
-        raise BagError(
-            f"{name}: expected {channel.type_name} messages, got bytes that are none ({error}); "
-            "were definition and messages recorded from different builds?"
-        ) from error
+        return _series(name, messages, start_ns)
+    except BagError as error:
+        return error
 
 
-def _series(name: str, channel: _Channel, start_ns: int) -> Series:
-    columns = _decode(name, channel)
-    log_time, publish_time, sequence = np.array(channel.times, np.int64).reshape(-1, 3).T
+def _series(name: str, messages: TopicMessages, start_ns: int) -> Series:
+    decoded = messages.take()
+    columns = decoded.columns
+    log_time, publish_time, sequence = decoded.times.T
     headed = f"{HEADER_STAMP}.sec" in columns
     stamp_ns = column_ns(columns) if headed else np.zeros(0, np.int64)
     stamp: npt.NDArray[np.float64] = np.multiply(1e-9, stamp_ns - start_ns)
@@ -361,7 +386,7 @@ def _series(name: str, channel: _Channel, start_ns: int) -> Series:
         stamp[stamp_ns == 0] = np.nan
     return Series(
         topic=name,
-        type_name=channel.type_name,
+        type_name=decoded.type_name,
         log_time_ns=np.ascontiguousarray(log_time),
         publish_time_ns=np.ascontiguousarray(publish_time),
         sequence=np.ascontiguousarray(sequence),
@@ -369,15 +394,3 @@ def _series(name: str, channel: _Channel, start_ns: int) -> Series:
         stamp=stamp,
         _columns=columns,
     )
-
-
-def _store(channel: _Channel) -> Typestore:
-    store = get_typestore(Stores.EMPTY)
-    try:
-        store.register(parse_definition(channel.type_name, channel.text))
-    except TypesysError as error:
-        raise BagError(
-            f"{channel.type_name}: expected a complete definition in the bag, got {error}; "
-            "record it anew"
-        ) from error
-    return store

@@ -14,6 +14,7 @@ from cabols_control.bags.definitions import Definition, Definitions
 from cabols_control.bags.errors import BagError, MissingBagError
 from cabols_control.bags.metadata import OfferedQos, Summary, TopicSummary, write_metadata
 from cabols_control.bags.names import absolute
+from cabols_control.bags.storage.records import FRAME, QOS, Attachment, ChannelInfo, Private
 
 METADATA_NAME = "cabols"
 TEMPORARY_SUFFIX = ".recovering"
@@ -42,6 +43,7 @@ class McapFile:
         self._writer = Writer(self._stream, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library=LIBRARY)
         self._schemas: dict[tuple[str, str], int] = {}
+        self._copied: dict[tuple[str, str, bytes], int] = {}
         self._topics: dict[int, TopicSummary] = {}
 
     def add_metadata(self, name: str, content: dict[str, str]) -> None:
@@ -73,6 +75,45 @@ class McapFile:
         self._topics[channel] = entry
         self.summary.topics.append(entry)
         return channel
+
+    def copy_channel(self, channel: ChannelInfo, definition: bytes) -> int:
+        """Add a channel of another file as it is there, and return its number.
+
+        Args:
+            channel: of the other file; with any encoding, or without a schema.
+            definition: of its type, as the other file has it or mended.
+        """
+        schema = channel.schema
+        number = 0
+        if schema.number or schema.name:
+            key = (schema.name, schema.encoding, definition)
+            if key not in self._copied:
+                self._copied[key] = self._writer.register_schema(*key)
+            number = self._copied[key]
+        metadata = dict(channel.metadata)
+        if QOS in metadata:
+            metadata[QOS] = channel.qos_text
+        copy = self._writer.register_channel(channel.topic, channel.encoding, number, metadata)
+        entry = TopicSummary(channel.topic, schema.name, channel.type_hash, channel.qos_text)
+        entry.encoding = channel.encoding
+        self._topics[copy] = entry
+        self.summary.topics.append(entry)
+        return int(copy)
+
+    def add_attachment(self, attachment: Attachment) -> None:
+        """Copy an attachment of another file."""
+        self._writer.add_attachment(
+            attachment.create_time_ns,
+            attachment.log_time_ns,
+            attachment.name,
+            attachment.media_type,
+            attachment.data,
+        )
+
+    def add_private(self, record: Private) -> None:
+        """Copy another program's record."""
+        self.flush()
+        self._stream.write(FRAME.pack(record.opcode, len(record.content)) + record.content)
 
     def add_message(
         self, channel: int, log_time_ns: int, publish_time_ns: int, data: bytes, sequence: int = 0
@@ -242,9 +283,14 @@ class BagWriter:
         )
 
 
-def mcap_name(folder: Path) -> str:
-    """Name of a bag's only file, as rosbag2 would call it."""
-    return f"{folder.resolve().name}_0.mcap"
+def mcap_name(folder: Path, number: int = 0) -> str:
+    """Name of a bag's file, as rosbag2 would call it.
+
+    Args:
+        folder: of the bag.
+        number: of the file, from 0.
+    """
+    return f"{folder.resolve().name}_{number}.mcap"
 
 
 def make_folder(folder: Path) -> None:

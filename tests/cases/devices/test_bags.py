@@ -33,7 +33,7 @@ from bag_maker import (
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.reader import read_bag
 from cabols_control.bags.recover import recover
-from cases import fails_today, outcome
+from cases import outcome
 
 OLD_TYPE = "geometry_msgs/WrenchStamped"
 EMPTY = CDR + bytes(8)
@@ -63,16 +63,13 @@ class TestChannelWithoutDefinition:
         odd += message(2, 1, START_NS, EMPTY)
         return put(tmp_path / "bag", file(chunk(SCHEMA + CHANNEL + odd + MESSAGES)))
 
-    @fails_today(14, "nothing is read, though only the wrench is asked for")
     def test_requested_topics_are_read(self, bag):
         assert wrenches(bag, ["wrench"]) == COUNT
 
-    @fails_today(14, "nothing is saved")
     def test_all_is_saved(self, bag, tmp_path):
         assert saved(bag / "b_0.mcap", tmp_path) in (COUNT, COUNT + 1)
 
 
-@fails_today(14, "nothing is saved")
 def test_wrenches_beside_service_events_are_saved(tmp_path):
     """ros2/rosbag2 rosbag2_cpp/test/rosbag2_cpp/bags/topics_and_services.mcap."""
     definition = b"service_msgs/ServiceEventInfo info\n"
@@ -82,7 +79,6 @@ def test_wrenches_beside_service_events_are_saved(tmp_path):
     assert saved(bag / "b_0.mcap", tmp_path) in (COUNT, COUNT + 1)
 
 
-@fails_today(14, "the first definition decodes the messages of the second")
 def test_two_definitions_of_a_type_are_distinguished(tmp_path):
     """foxglove/mcap#374, ros-foxglove-bridge#253: merged, or split across an upgrade."""
     kind, topic = "my_msgs/msg/P", "/cabols/p"
@@ -95,7 +91,6 @@ def test_two_definitions_of_a_type_are_distinguished(tmp_path):
     assert isinstance(found, BagError) or np.array_equal(found, [1.0, 1.0])
 
 
-@fails_today(14, "half of the messages are lost with one chunk")
 def test_hole_in_the_middle_costs_its_own_chunks(tmp_path):
     """foxglove/mcap#1390, PR#1372; ros2/rosbag2#2133: 4 KiB of zeros in a bag of 40 chunks."""
     raw = bytearray(whole(tmp_path / "whole.mcap", DAMAGED_COUNT, 16384))
@@ -115,23 +110,19 @@ class TestTypeNameWithoutMsg:
         old = schema(1, OLD_TYPE, "ros2msg", DEFINITION) + CHANNEL + MESSAGES
         return put(tmp_path / "bag", file(chunk(old)), [(TOPIC, OLD_TYPE, COUNT)])
 
-    @fails_today(14, "a KeyError escapes")
     def test_it_is_read(self, bag):
         assert wrenches(bag) == COUNT
 
-    @fails_today(14, "refused")
     def test_it_is_saved(self, bag, tmp_path):
         assert saved(bag / "b_0.mcap", tmp_path) == COUNT
 
 
-@fails_today(14, "refused, with advice that does not help")
 def test_bag_that_was_reindexed_is_read(tmp_path):
     """ros2/rosbag2#2175: `ros2 bag reindex` leaves storage_identifier empty."""
     data = file(chunk(SCHEMA + CHANNEL + MESSAGES))
     assert wrenches(put(tmp_path / "bag", data, storage='""')) == COUNT
 
 
-@fails_today(14, "read advises `recover FOLDER`, which refuses")
 def test_split_bag_of_a_killed_recorder_is_saved(tmp_path):
     """ros2/rosbag2#1619, #2003; rosbag2_py/test/resources/mcap/reindex_test_bags/multiple_files."""
     split = tmp_path / "split"
@@ -142,7 +133,6 @@ def test_split_bag_of_a_killed_recorder_is_saved(tmp_path):
     assert saved(split, tmp_path) == 3 * COUNT
 
 
-@fails_today(14, "dropped as damaged")
 def test_chunk_of_two_zstd_frames_is_read(tmp_path):
     """Valid by zstd's format, and read by other readers."""
     records = SCHEMA + CHANNEL + MESSAGES

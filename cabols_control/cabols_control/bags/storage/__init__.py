@@ -1,0 +1,1 @@
+"""Files of a bag as they lie on disk: MCAP, whole or damaged, and sqlite3."""
