@@ -25,9 +25,6 @@ from cabols_hw.force_torque.ati import AXES
 from cabols_hw.force_torque.sensor_bias import SensorBias
 from cabols_hw.force_torque.tool_weight import tool_weight_into
 
-SATURATED_VOLTS = 9.98
-"""Largest valid voltage of a gauge; beyond it the converter is saturated and the wrench invalid."""
-
 
 class Bridge:
     """Turns samples into limb states and wrenches, and currents into volts.
@@ -46,6 +43,7 @@ class Bridge:
         tared: whether the sensor's bias is known.
         sensor_tare: which bias is in force, and why none is.
         saturated_gauge: whether the newest sample had a gauge at its end.
+        saturated_volts: largest valid voltage of a gauge; beyond it the wrench is invalid [V].
         saturation: saturated gauge or axis of load of the newest sample, in words; empty for none.
         gauges: (6,) newest gauge voltages [V].
         rotation: (3, 3) platform to base, of the newest pose.
@@ -67,7 +65,9 @@ class Bridge:
         self._length = np.zeros(n)
         self._sensor = np.zeros(1, SENSOR_READING)
         self._sensor["matrix"], self._sensor["transform"] = card.ft_matrix, card.sensor_transform
-        self._sensor["limits"], self._sensor["volts_limit"] = card.sensor_limits, SATURATED_VOLTS
+        self._sensor["limits"] = card.sensor_limits
+        self._sensor["volts_limit"] = card.saturated_volts
+        self.saturated_volts = card.saturated_volts
         self._to_sensor = np.ascontiguousarray(np.linalg.inv(card.sensor_transform))
         self._centre_of_mass = np.array(card.tool_centre_of_mass)
         self._weight = np.zeros(6)
@@ -243,7 +243,7 @@ class Bridge:
             if self.zeroed.all() and tare.settle(limbs):
                 self._use_bias()
             return
-        if not np.abs(sample.analog).max() <= SATURATED_VOLTS:
+        if not np.abs(sample.analog).max() <= self.saturated_volts:
             return
         weight_on_sensor = self._to_sensor @ weight
         args = (sample.time_ns, sample.analog, weight_on_sensor, self.wound_length)

@@ -16,7 +16,13 @@ from cabols_control.errors import ConfigError
 from cabols_control.frames import FRAMES, load_frames
 from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_hw.card.wiring import Wiring
-from cabols_hw.force_torque.ati import DELTA_LIMITS, read_calibration, wrench_transform
+from cabols_hw.force_torque.ati import (
+    CONVERTER_VOLTS,
+    DELTA_LIMITS,
+    SATURATED_SHARE,
+    read_calibration,
+    wrench_transform,
+)
 
 ENCODER_MODULUS = 1 << 24
 """The Q8's counters have 24 bits."""
@@ -31,6 +37,7 @@ class CardConfig:
         amperes_per_volt: amplifier gain, signed.
         ft_calibration: (6, 6) wrench [N, N m] per gauge volt, sensor axes; or
         ft_calibration_file: the sensor's .cal file, relative to this file; exactly one of the two.
+        ft_calibration_part: part number of the calibration, where that file has several.
         sensor_serial: serial number of a sensor without a .cal file; empty: made of its matrix.
         output_limit: largest output [V].
         current_rate_limit: how fast a current may grow [A/s]; 0 for no limit. Never delays one
@@ -65,6 +72,7 @@ class CardConfig:
     wrench_limit: list[float] | None = None
     wiring: Wiring = field(default_factory=Wiring)
     sensor_serial: str = ""
+    ft_calibration_part: str | None = None
 
     def __post_init__(self) -> None:
         """Check ranges and that the calibration can be inverted."""
@@ -94,29 +102,39 @@ class CardConfig:
         for limit in limits:
             in_range("wrench_limit", limit, 1e-6, 1e6)
 
-    def _calibration(self) -> tuple[FloatArray, FloatArray]:
-        limits = np.array(DELTA_LIMITS)
+    @cached_property
+    def _calibration(self) -> tuple[FloatArray, FloatArray, float]:
+        limits, volts = np.array(DELTA_LIMITS), SATURATED_SHARE * CONVERTER_VOLTS
         if self.ft_calibration_file is not None:
             path = beside(self.ft_calibration_file)
             object.__setattr__(self, "ft_calibration_file", str(path))
-            calibration = read_calibration(path)
+            calibration = read_calibration(path, self.ft_calibration_part)
             matrix, limits = calibration.matrix, calibration.limits
             object.__setattr__(self, "sensor_serial", self.sensor_serial or calibration.serial)
+            volts = calibration.saturated_volts
         else:
             matrix = finite_array("ft_calibration", self.ft_calibration or [], (6, 6))
         if self.wrench_limit is not None:
             limits = finite_array("wrench_limit", self.wrench_limit, (6,))
-        return matrix, limits
+        return matrix, limits, volts
 
     @cached_property
     def ft_matrix(self) -> FloatArray:
         """(6, 6) wrench per gauge volt, sensor axes, at the sensor's origin [N/V, N m/V]."""
-        return self._calibration()[0]
+        matrix, _, _ = self._calibration
+        return matrix
 
     @cached_property
     def sensor_limits(self) -> FloatArray:
         """(6,) range of the sensor, sensor axes [N, N m]."""
-        return self._calibration()[1]
+        _, limits, _ = self._calibration
+        return limits
+
+    @cached_property
+    def saturated_volts(self) -> float:
+        """Largest valid voltage of a gauge; beyond it, it is saturated [V]."""
+        _, _, volts = self._calibration
+        return volts
 
     @cached_property
     def sensor_transform(self) -> FloatArray:

@@ -6,6 +6,8 @@ with the file's BasicTransform done: torque' = torque - d x F.
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,16 +27,36 @@ DELTA_LIMITS = (165.0, 165.0, 495.0, 15.0, 15.0, 15.0)
 
 POUND, STANDARD_GRAVITY, INCH = 4.4482216152605, 9.80665, 0.0254
 FORCE = {
-    "n": 1.0,
+    **dict.fromkeys(("n", "newton", "newtons"), 1.0),
     "kn": 1e3,
-    "lb": POUND,
-    "lbf": POUND,
-    "klb": 1e3 * POUND,
-    "kg": STANDARD_GRAVITY,
-    "kgf": STANDARD_GRAVITY,
-    "g": 1e-3 * STANDARD_GRAVITY,
+    **dict.fromkeys(("lb", "lbs", "lbf", "pound", "pounds"), POUND),
+    **dict.fromkeys(("klb", "klbf"), 1e3 * POUND),
+    **dict.fromkeys(("kg", "kgf", "kilogram", "kilograms"), STANDARD_GRAVITY),
+    **dict.fromkeys(("g", "gf", "gram", "grams"), 1e-3 * STANDARD_GRAVITY),
 }
-DISTANCE = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": INCH, "ft": 12.0 * INCH}
+DISTANCE = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
+    "cm": 1e-2,
+    "mm": 1e-3,
+    **dict.fromkeys(("in", "inch", "inches"), INCH),
+    **dict.fromkeys(("ft", "foot", "feet"), 12.0 * INCH),
+}
+TORQUE = {
+    **{first + force: DISTANCE[first] * FORCE[force]
+       for first in ("in", "ft", "inch", "foot") for force in FORCE},
+    **{force + second: FORCE[force] * DISTANCE[second] for force in FORCE for second in DISTANCE},
+}  # fmt: skip
+"""Force and distance written as one word: nm, nmm, knm, lbin, inlb."""
+CONVERTER_VOLTS = 10.0
+"""The card's analog inputs end here [V]."""
+SATURATED_SHARE = 0.998
+"""Of a range, beyond which a gauge is saturated: some converters stop short of their end."""
+ANALOG_MODES = ("differential", "single ended", "single-ended", "ground referenced",
+                "nonreferenced single ended", "non-referenced single-ended")  # fmt: skip
+
+
+class CalibrationWarning(UserWarning):
+    """A calibration file says something that is not done."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +68,24 @@ class AtiCalibration:
         part_number: of the calibration, e.g. SI-165-15.
         matrix: (6, 6) wrench per gauge volt [N/V, N m/V], at the file's origin and axes.
         limits: (6,) the calibrated range [N, N m].
+        saturated_volts: largest valid voltage of a gauge; beyond it, it is saturated [V].
+        notes: what the file says and is not done, in words for people.
     """
 
     serial: str
     part_number: str
     matrix: FloatArray
     limits: FloatArray
+    saturated_volts: float = SATURATED_SHARE * CONVERTER_VOLTS
+    notes: tuple[str, ...] = ()
 
 
-def read_calibration(path: str | Path) -> AtiCalibration:
+def read_calibration(path: str | Path, part_number: str | None = None) -> AtiCalibration:
     """Read a .cal file.
+
+    Args:
+        path: of the file.
+        part_number: of the calibration, where the file has several; None: its only one.
 
     Raises:
         ConfigError: naming the file, what was expected and what came.
@@ -64,15 +94,21 @@ def read_calibration(path: str | Path) -> AtiCalibration:
         text = Path(path).read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
-    return parse_calibration(text, str(path))
+    return parse_calibration(text, str(path), part_number)
 
 
-def parse_calibration(text: str | bytes, name: str) -> AtiCalibration:
+def parse_calibration(
+    text: str | bytes, name: str, part_number: str | None = None
+) -> AtiCalibration:
     """Make a calibration from the text of a .cal file.
 
+    What the file says and is not done is refused where it makes the wrench wrong, and said by a
+    CalibrationWarning otherwise. Fields as in ATI's own library.
+
     Args:
-        text: XML, one FTSensor with one Calibration.
+        text: XML, one FTSensor.
         name: of the file, for messages.
+        part_number: of the calibration, where the file has several; None: its only one.
 
     Raises:
         ConfigError: naming what was expected and what came.
@@ -81,25 +117,108 @@ def parse_calibration(text: str | bytes, name: str) -> AtiCalibration:
         sensor = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise ConfigError(f"{name}: expected the XML of an ATI calibration, got {error}") from error
-    found = sensor.findall("Calibration")
-    if sensor.tag != "FTSensor" or len(found) != 1:
-        raise ConfigError(
-            f"{name}: expected one Calibration in an FTSensor, got {len(found)} in {sensor.tag}"
-        )
-    calibration = found[0]
+    calibration = _chosen(sensor, name, part_number)
+    _six_gauges(sensor, name)
     gain = calibration.get("GainMultiplier", "1")
     if not _number(gain) == 1.0:
         raise ConfigError(f"{name}: GainMultiplier: expected 1, got {gain}; ask ATI for volts")
     units = np.repeat([_force_unit(calibration, name), _torque_unit(calibration, name)], 3)
-    user = {axis.get("Name"): axis for axis in calibration.findall("UserAxis")}
+    user = _axes(calibration, "UserAxis", name)
     if user:
         matrix, limits = _rows(user, name, lambda _: 1.0)
         return _finished(sensor, calibration, units[:, None] * matrix, units * limits, name)
     # Files of version 1.0: rows times a scale, not yet transformed.
-    axes = {axis.get("Name"): axis for axis in calibration.findall("Axis")}
+    axes = _axes(calibration, "Axis", name)
     matrix, limits = _rows(axes, name, lambda axis: _number(axis.get("scale", "")))
     matrix = _basic_transform(calibration, name) @ (units[:, None] * matrix)
     return _finished(sensor, calibration, matrix, units * limits, name)
+
+
+def _chosen(sensor: Any, name: str, part_number: str | None) -> Any:
+    """Return the calibration that is asked for."""
+    found = sensor.findall("Calibration")
+    parts = [str(each.get("PartNumber", "")) for each in found]
+    if sensor.tag != "FTSensor" or not found:
+        raise ConfigError(
+            f"{name}: expected one Calibration in an FTSensor, got {len(found)} in {sensor.tag}"
+        )
+    if part_number is None:
+        if len(found) > 1:
+            raise ConfigError(
+                f"{name}: expected one Calibration in an FTSensor, got {len(found)} "
+                f"({', '.join(parts)}); choose by ft_calibration_part"
+            )
+        return found[0]
+    if parts.count(part_number) != 1:
+        raise ConfigError(
+            f"{name}: expected one Calibration of the part number {part_number}, got "
+            f"{', '.join(parts)}; correct ft_calibration_part"
+        )
+    return found[parts.index(part_number)]
+
+
+def _six_gauges(sensor: Any, name: str) -> None:
+    gauges = sensor.get("NumGages", "6")
+    if not _number(gauges) == 6.0:
+        raise ConfigError(
+            f"{name}: NumGages: expected a sensor of 6 gauges, got {gauges}; its matrix is no "
+            "(6, 6)"
+        )
+
+
+def _axes(calibration: Any, tag: str, name: str) -> dict[str | None, Any]:
+    """Axes by name; each may stand once."""
+    found: dict[str | None, Any] = {}
+    for axis in calibration.findall(tag):
+        key = axis.get("Name")
+        if key in found:
+            raise ConfigError(f"{name}: {tag} {key}: expected it once, got it twice; which holds?")
+        found[key] = axis
+    return found
+
+
+def _saturated_volts(calibration: Any, name: str) -> float:
+    """Largest valid voltage by the sensor's output range, which spans both polarities."""
+    bipolar = calibration.get("OutputBipolar", "True").strip().lower()
+    if bipolar not in ("true", "1", "yes"):
+        raise ConfigError(
+            f"{name}: OutputBipolar: expected True, got {calibration.get('OutputBipolar')}; "
+            "gauges are judged in a range that is symmetric about zero"
+        )
+    text = calibration.get("OutputRange", str(2.0 * CONVERTER_VOLTS))
+    span = _number(text)
+    if not 0.0 < span < np.inf:
+        raise ConfigError(f"{name}: OutputRange: expected volts, got {text!r}")
+    return SATURATED_SHARE * min(0.5 * span, CONVERTER_VOLTS)
+
+
+def _notes(calibration: Any, name: str) -> tuple[str, ...]:
+    """What the file says and is not done."""
+    notes = []
+    mode = calibration.get("OutputMode", "").strip().lower()
+    if mode and not any(known in mode for known in ANALOG_MODES):
+        notes.append(
+            f"OutputMode: {calibration.get('OutputMode')} is none of an analog output that is "
+            "known here; check the gauges' wiring"
+        )
+    slopes = [_values(calibration, tag) for tag in ("BiasSlope", "GainSlope")]
+    in_hardware = calibration.get("HWTempComp", "").strip().lower()
+    if in_hardware not in ("", "true", "1", "yes"):
+        notes.append(
+            f"HWTempComp: {calibration.get('HWTempComp')}: temperature is not compensated, neither "
+            "by the sensor nor here; tare often"
+        )
+    elif not in_hardware and any(value != 0.0 for value in (*slopes[0], *slopes[1])):
+        notes.append(
+            "BiasSlope, GainSlope: compensation of temperature by software is not done here; "
+            "tare often"
+        )
+    return tuple(f"{name}: {note}" for note in notes)
+
+
+def _values(calibration: Any, tag: str) -> list[float]:
+    element = calibration.find(tag)
+    return [] if element is None else [_number(v) for v in element.get("values", "").split()]
 
 
 def _finished(
@@ -111,7 +230,17 @@ def _finished(
         raise ConfigError(f"{name}: max: expected positive numbers, got {limits.tolist()}")
     serial = sensor.get("Serial") or sensor.get("SerialNumber") or ""
     matrix = np.ascontiguousarray(matrix)
-    return AtiCalibration(serial, calibration.get("PartNumber", ""), matrix, limits)
+    notes = _notes(calibration, name)
+    for note in notes:
+        warnings.warn(note, CalibrationWarning, stacklevel=4)
+    return AtiCalibration(
+        serial=serial,
+        part_number=calibration.get("PartNumber", ""),
+        matrix=matrix,
+        limits=limits,
+        saturated_volts=_saturated_volts(calibration, name),
+        notes=notes,
+    )
 
 
 def _number(text: str) -> float:
@@ -139,9 +268,10 @@ def _rows(
 
 
 def _unit(units: dict[str, float], text: str, key: str, name: str) -> float:
-    if text.lower() not in units:
+    word = text.strip().lower()
+    if word not in units:
         raise ConfigError(f"{name}: {key}: expected one of {sorted(units)}, got {text!r}")
-    return units[text.lower()]
+    return units[word]
 
 
 def _force_unit(calibration: Any, name: str) -> float:
@@ -149,9 +279,11 @@ def _force_unit(calibration: Any, name: str) -> float:
 
 
 def _torque_unit(calibration: Any, name: str) -> float:
-    """Force times distance, in either order: N-m, N-mm, lbf-in, in-lb."""
+    """Force times distance, in either order, with or without a sign between: N-m, Nmm, lbf-in."""
     text = calibration.get("TorqueUnits", "")
-    parts = text.lower().split("-")
+    parts = re.split(r"[-*\s.\u00b7\u22c5]+", text.strip().lower())
+    if len(parts) == 1 and parts[0] in TORQUE:
+        return TORQUE[parts[0]]
     for force, distance in (parts, parts[::-1]) if len(parts) == 2 else ():
         if force in FORCE and distance in DISTANCE:
             return FORCE[force] * DISTANCE[distance]

@@ -9,7 +9,7 @@ from cabols_control.naming import limb_name
 from cabols_control.rig import Rig
 from cabols_control.supervision.faults import OVERLOAD, FaultName
 from cabols_control.supervision.modes import LOADED, MOVING, OperatingMode
-from cabols_hw.bridge.bridge import SATURATED_VOLTS, Bridge
+from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety import rules
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import AXES, BridgeFault, same_kind
@@ -219,7 +219,7 @@ class SafetyEnvelope:
             max(dt_s, 0.0),
             bridge.gauges,
             self._last_volts,
-            SATURATED_VOLTS,
+            bridge.saturated_volts,
             self._config.sensor_flat,
             self._since_flat,
         )
