@@ -1,10 +1,11 @@
-"""Run the tests as `make test` does: pure ones in two processes, then those with a ROS graph alone.
+"""Run the tests as `make test` does: in three processes, then those that need real time alone.
 
 python tools/run_tests.py [pytest's arguments]
 
-Tests that start nodes or run against the wall clock share the machine with no other test. What the
-arguments select by `-m` is split the same way. Tests marked `long` run only where `-m` names them.
-The last line is one closing line of pytest for both halves.
+Tests that run against the wall clock, such as a graph at 1 kHz with its watchdogs of 10 ms, share
+the machine with no other test. Graphs in lockstep or with long watchdogs bear company, and wait
+more than they compute. What the arguments select by `-m` is split the same way. Tests marked
+`long` run only where `-m` names them. The last line is one closing line of pytest for both halves.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-PURE = "not (ros or realtime)"
-GRAPH = "ros or realtime"
+TOGETHER = "not realtime"
+ALONE = "realtime"
+TOGETHER_BY = ("-n", "3", "--dist", "loadfile")
 COUNTS = "CABOLS_TEST_COUNTS"
 """Environment variable: file for the numbers of outcomes, see tests/harness/outcome_counts.py."""
 NOTHING_COLLECTED = 5
@@ -70,15 +72,15 @@ def closing_line(counts: Counter[str], seconds: float) -> str:
     return f" {text or 'no tests ran'} in {seconds:.2f}s ({clock}) ".center(88, "=")
 
 
-def add_up(pure: Counter[str], graph: Counter[str]) -> Counter[str]:
+def add_up(together: Counter[str], alone: Counter[str]) -> Counter[str]:
     """Outcomes of both halves; deselected are those that neither half ran.
 
     With processes beside it pytest does not count what it deselects, so the second half's number
     is taken, which counts what the first half has run, too.
     """
     outcomes = ("failed", "passed", "skipped", "xfailed", "xpassed")
-    total = pure + graph
-    total["deselected"] = max(graph["deselected"] - sum(pure[name] for name in outcomes), 0)
+    total = together + alone
+    total["deselected"] = max(alone["deselected"] - sum(together[name] for name in outcomes), 0)
     return total
 
 
@@ -95,8 +97,13 @@ def main(words: Sequence[str]) -> int:
     expression, others = split_marks(words)
     began, codes, found = time.monotonic(), [], [Counter[str](), Counter[str]()]
     halves = (
-        ["-n", "2", "--dist", "loadfile", "-m", selection(PURE, expression), *others],
-        ["-m", selection(GRAPH, expression), *others],
+        [
+            *TOGETHER_BY,
+            "-m",
+            selection(TOGETHER, expression),
+            *others,
+        ],
+        ["-m", selection(ALONE, expression), *others],
     )
     for k, half in enumerate(halves):
         code, found[k] = run_half(half)

@@ -55,13 +55,14 @@ LOAD_PROGRAM = NodeSpec(
     "cabols_control",
     "load_program",
     ("mode", "wrench"),
-    ("desired_wrench", "loop_status"),
+    ("desired_wrench", "program_wrench", "loop_status"),
     role=Role.PROGRAM,
     takes=(
         *OF_EVERY_LOOP,
         "other_cpu",
         "program",
         "scale",
+        "preview",
         "exit_when_done",
     ),
     fifo_below=2,
@@ -168,6 +169,7 @@ ARGUMENTS = (
     Argument("description", "", "text about the run for the bag's metadata"),
     Argument("program", "", "load programme to run at the first LOADING"),
     Argument("scale", 1.0, "factor on the programme's wrench", bounds=(-10.0, 10.0)),
+    Argument("preview", True, "follow programmes without lag: smoothed, and previewed"),
     Argument("exit_when_done", False, "end everything after the programme"),
     Argument(
         "state_timeout",

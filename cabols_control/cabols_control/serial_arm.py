@@ -137,16 +137,16 @@ def _require_turning(joint: Element, path: str | Path) -> None:
     name, kind = joint.get("name", ""), joint.get("type")
     if kind not in TURNING:
         raise NotSerialError(
-            f"{path}: joint {name!r}: expected a type of {', '.join(TURNING)} or fixed, got {kind}"
+            f"{path}: {name!r}: expected a type of {', '.join(TURNING)} or fixed, got {kind}"
         )
     if joint.find("mimic") is not None:
-        raise NotSerialError(f"{path}: joint {name!r}: expected one of its own, got a mimic")
+        raise NotSerialError(f"{path}: {name!r}: expected one of its own, got a mimic")
 
 
 def _link(joint: Element, tag: str, path: str | Path) -> str:
     found = joint.find(tag)
     if found is None or not found.get("link"):
-        raise ConfigError(f"{path}: joint {joint.get('name')!r}: expected <{tag} link=...>")
+        raise ConfigError(f"{path}: {joint.get('name')!r}: expected <{tag} link=...>")
     return str(found.get("link"))
 
 
@@ -154,7 +154,7 @@ def _axis(joint: Element, path: str | Path) -> FloatArray:
     axis = _numbers(joint, "axis", "xyz", "1 0 0", path)
     length = float(np.linalg.norm(axis))
     if not length > 1e-6:
-        raise ConfigError(f"{path}: joint {joint.get('name')!r}: expected an axis, got {axis}")
+        raise ConfigError(f"{path}: {joint.get('name')!r}: expected an axis, got {axis}")
     return np.asarray(axis / length)
 
 
@@ -166,7 +166,7 @@ def _limits(joint: Element, path: str | Path) -> tuple[float, float]:
     upper = float(_numbers(joint, "limit", "upper", "0", path, 1)[0])
     if not lower < upper:
         raise ConfigError(
-            f"{path}: joint {joint.get('name')!r}: expected limits lower < upper, got {lower:g}, "
+            f"{path}: {joint.get('name')!r}: expected limits lower < upper, got {lower:g}, "
             f"{upper:g}"
         )
     return lower, upper
@@ -184,7 +184,7 @@ def _numbers(
         numbers = np.full(1, np.nan)
     if numbers.size != count or not np.isfinite(numbers).all():
         raise ConfigError(
-            f"{path}: joint {joint.get('name')!r}: expected {count} finite numbers in {tag} "
+            f"{path}: {joint.get('name')!r}: expected {count} finite numbers in {tag} "
             f"{name}, got {' '.join(words)!r}"
         )
     return numbers

@@ -97,6 +97,13 @@ _ROWS = (
         "setpoint of the wrench on the platform [N, N m], in the rig's base axes",
     ),
     Topic(
+        "program_wrench",
+        "cabols_msgs/msg/ProgramWrench",
+        Quality.CONTROL,
+        "wrench that the running programme asks for, and as smoothed [N, N m], base axes",
+        live=True,
+    ),
+    Topic(
         "desired_tension",
         "cabols_msgs/msg/DesiredTension",
         Quality.CONTROL,

@@ -337,6 +337,7 @@ def test_it_works_on_a_node_that_is_there_already(fake):
     assert fake.context.ok()
 
 
+@pytest.mark.realtime
 def test_one_session_on_the_real_graph():
     """What docs/rig_client.md shows, on the bench in slow motion."""
     seen = {}

@@ -182,6 +182,7 @@ def test_a_busy_program_is_named():
 
 
 @pytest.mark.ros
+@pytest.mark.realtime
 @pytest.mark.timeout(420)
 def test_a_millisecond_in_the_limb_law_turns_the_demo_red(tmp_path):
     """However busy this computer is: what bare timers keep, the loop must keep."""

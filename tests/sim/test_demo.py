@@ -14,7 +14,7 @@ from cabols_control.bags.reader import read_bag
 from cabols_control.bringup.processes import executable_path
 from graph_harness import next_environment
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.realtime]
 
 
 # Slow motion: a stall of a busy machine must not trip the rig's watchdogs.

@@ -107,6 +107,7 @@ def test_every_kind_can_be_made():
 
 @pytest.mark.ros
 @pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.timeout(240)
 def test_a_trial_on_the_real_graph(tmp_path):
     """A cable breaks in the loaded rig, with robot and tracker: found, safe, written down."""

@@ -130,6 +130,7 @@ def test_bag_to_arrays_reads_what_was_written(bag, monkeypatch, capsys):
 
 
 @pytest.mark.ros
+@pytest.mark.realtime
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_rig_client_drives_the_simulated_rig():

@@ -41,6 +41,7 @@ def zero_after(watcher, instant):
     return following[0] - instant
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("victim", "answers", "reason"),
     [
@@ -65,6 +66,7 @@ def test_killed_controller_leaves_zero_current_within_20_ms(victim, answers, rea
     assert reason in fault.reason
 
 
+@pytest.mark.realtime
 def test_services_and_bad_messages():
     """One graph, many mistakes: each is refused or safe, and said."""
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.kinematics import structure_matrix
+from cabols_control.load_programs.preview import ShapedProgram
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import Rig
 from cabols_control.tension import DEFAULT_WEIGHTS, FEASIBLE, TensionResolver
@@ -108,4 +109,33 @@ def check_program(
         reached=status == FEASIBLE,
         rated=np.array((np.abs(local) <= rig.control.rated).all(axis=1)),
         missed=np.linalg.norm(residual * np.asarray(DEFAULT_WEIGHTS), axis=1),
+    )
+
+
+def check_shaped(
+    rig: Rig, shaped: ShapedProgram, position: FloatArray, rotation: FloatArray
+) -> ProgramCheck:
+    """Check what the platform will feel, and what the cables are asked for on the way.
+
+    Args:
+        rig: geometry, limits, gains.
+        shaped: programme as it is followed.
+        position: (3,) platform's origin in the base frame [m].
+        rotation: (3, 3) from platform to base axes.
+
+    Returns:
+        Check of the smoothed programme; `reached` is False also where the cables cannot give the
+        control signal that a preview takes.
+
+    Raises:
+        ShapeError: if the pose has another shape or is not finite.
+    """
+    found = check_program(rig, shaped.smoothed, position, rotation)
+    if shaped.reference is shaped.smoothed:
+        return found
+    asked = check_program(rig, shaped.control(rig.gains), position, rotation)
+    return replace(
+        found,
+        reached=found.reached & asked.reached,
+        missed=np.maximum(found.missed, asked.missed),
     )

@@ -48,6 +48,19 @@ class LoadProgram:
         share = (time_s - t0) / (t1 - t0)
         return np.asarray((1.0 - share) * self.wrench[after - 1] + share * self.wrench[after])
 
+    def sample(self, times: FloatArray) -> FloatArray:
+        """Return the (m, 6) desired wrenches at (m,) times, as `at` gives them one by one."""
+        after = np.searchsorted(self.time, times, side="right")
+        before = np.maximum(after - 1, 0)
+        found = self.wrench[before]
+        if not self.held:
+            end = np.minimum(after, self.time.size - 1)
+            length = self.time[end] - self.time[before]
+            share = (times - self.time[before]) / np.where(length > 0.0, length, np.inf)
+            found = found + share[:, None] * (self.wrench[end] - found)
+        found[after == 0] = 0.0
+        return found
+
     def scaled(self, factor: float) -> LoadProgram:
         """Return the same programme with every wrench multiplied."""
         return LoadProgram(self.name, self.time, self.wrench * factor, self.held)

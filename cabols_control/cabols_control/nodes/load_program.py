@@ -15,8 +15,9 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.errors import CabolsError
-from cabols_control.load_programs.feasibility import ProgramCheck, check_program
-from cabols_control.load_programs.programs import LoadProgram, load_program
+from cabols_control.load_programs.feasibility import ProgramCheck, check_shaped
+from cabols_control.load_programs.preview import ShapedProgram, as_given, shape_program
+from cabols_control.load_programs.programs import load_program
 from cabols_control.result_code import ResultCode
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
@@ -52,20 +53,25 @@ class LoadProgramNode(ControlNode):
         name = declare_row(self, CONTROL_NODES.argument("program"))
         scale = declare_row(self, CONTROL_NODES.argument("scale"))
         self._exit_when_done = declare_row(self, CONTROL_NODES.argument("exit_when_done"))
+        self._preview = declare_row(self, CONTROL_NODES.argument("preview"))
         rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
-        self._first = load_program(name).scaled(scale) if name else None
+        self._held_s = 0.0 if self.paced else 1.0 / rate
+        self._first = self._shape(name, scale) if name else None
         layout = topics.wrench_layout(self.rig.geometry.base_frame)
         self._record = layout.record()
         self._output = self.advertise("desired_wrench")
+        layout = topics.program_wrench_layout(self.rig.geometry.base_frame)
+        self._asked = layout.record()
+        self._told = self.advertise_live("program_wrench")
         self._mode = Input(self, "mode", topics.mode_layout(), self.lockstep)
         # The slow copy: nothing here needs the pose at the control rate.
         poses = topics.pose_layout(self.rig.geometry)
         self._pose = Input(self, live_name("platform_pose"), poses)
         geometry = self.rig.geometry
         place = (geometry.reference_position, geometry.reference_rotation)
-        check_program(self.rig, load_program("ramps"), *place)  # compile now, not under load
+        check_shaped(self.rig, self._shape("ramps"), *place)  # compile now, not under load
         self._lock = threading.Lock()
-        self._running: LoadProgram | None = None
+        self._running: ShapedProgram | None = None
         self._began_s = 0.0
         self._now_s = 0.0
         self._verdict = ""
@@ -91,6 +97,17 @@ class LoadProgramNode(ControlNode):
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
+
+    def _shape(self, name: str, scale: float = 1.0) -> ShapedProgram:
+        """Load a programme, as it will be followed.
+
+        Raises:
+            CabolsError: if it cannot be used.
+        """
+        program = load_program(name).scaled(scale or 1.0)
+        if not self._preview:
+            return as_given(program)
+        return shape_program(program, self.rig.control, self._held_s)
 
     def begin(self) -> None:
         """Start publishing."""
@@ -171,7 +188,7 @@ class LoadProgramNode(ControlNode):
         elif now_s - self._began_s > self._running.duration:
             self._finish("", ResultCode.DONE)
 
-    def _start(self, program: LoadProgram) -> None:
+    def _start(self, program: ShapedProgram) -> None:
         self._running, self._began_s, self._verdict = program, self._now_s, ""
         self.get_logger().info(f"programme {program.name}: {program.duration:g} s")
 
@@ -181,11 +198,20 @@ class LoadProgramNode(ControlNode):
         self.get_logger().info(verdict or "programme done")
 
     def _publish(self, stamp_ns: int) -> None:
-        program = self._running
-        wrench = program.at(self._now_s - self._began_s) if program is not None else [0.0] * 6
-        self._record.stamp(stamp_ns)
-        self._record["wrench"][:] = wrench
-        self._output.publish(self._record.raw())
+        program, time_s = self._running, self._now_s - self._began_s
+        wanted, asked = self._record, self._asked
+        wanted.stamp(stamp_ns)
+        asked.stamp(stamp_ns)
+        if program is None:
+            wanted["wrench"][:] = asked["command"][:] = asked["smoothed"][:] = 0.0
+        else:
+            wanted["wrench"][:] = program.reference.at(time_s)
+            asked["command"][:] = program.command.at(time_s - program.lead)
+            asked["smoothed"][:] = program.smoothed.at(time_s)
+            asked["lead"] = program.lead
+        self._output.publish(wanted.raw())
+        self._told.publish(asked.raw())
+        self._told.copy()
 
     def _check_here(self, name: str, scale: float) -> ProgramCheck:
         """Check a programme at the platform's present pose.
@@ -193,7 +219,7 @@ class LoadProgramNode(ControlNode):
         Raises:
             CabolsError: if the programme cannot be used, or no pose arrives.
         """
-        program = load_program(name).scaled(scale or 1.0)
+        program = self._shape(name, scale)
         self._pose.take()
         record, age_ns = self._pose.record, time.monotonic_ns() - self._pose.received_ns
         if record is None or not 1e-9 * age_ns <= POSE_AGE_S:
@@ -201,7 +227,7 @@ class LoadProgramNode(ControlNode):
         pose = read_pose(np.array(record["pose"]))
         if pose is None:
             raise CabolsError(f"platform_pose: expected a pose, got {record['pose']}")
-        return check_program(self.rig, program, *pose)
+        return check_shaped(self.rig, program, *pose)
 
     def _check(self, request: Any, response: Any) -> Any:
         try:
@@ -246,7 +272,7 @@ class LoadProgramNode(ControlNode):
 
     async def _execute(self, handle: Any) -> Any:
         request = handle.request
-        program = load_program(request.program).scaled(request.scale or 1.0)
+        program = self._shape(request.program, request.scale)
         with self._lock:
             self._start(program)
         feedback = RunProgram.Feedback(duration=program.duration)

@@ -12,6 +12,7 @@ from cabols_msgs.msg import (
     LoopStatus,
     Mode,
     MotorCurrent,
+    ProgramWrench,
     TensionCommand,
 )
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -69,6 +70,15 @@ def wrench_layout(frame: str) -> Layout:
         WrenchStamped,
         strings={"header.frame_id": frame},
         joined={"wrench": ("wrench.force.x", 6)},
+    )
+
+
+def program_wrench_layout(frame: str) -> Layout:
+    """ProgramWrench in a frame; fields `command`, `smoothed` (6,) force [N], torque [N m]."""
+    return Layout(
+        ProgramWrench,
+        strings={"header.frame_id": frame},
+        joined={name: (f"{name}.force.x", 6) for name in ("command", "smoothed")},
     )
 
 

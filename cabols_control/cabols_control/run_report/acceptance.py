@@ -17,6 +17,8 @@ STEADY_ERROR_MAX_PERCENT = 1.0
 DEVIATION_MAX_PERCENT = 5.0
 TENSION_MIN_SHARE = 0.5
 """Share of the least commanded tension; below it a cable counts as slack."""
+SMOOTHED_FORCE_MAX_N, SMOOTHED_TORQUE_MAX_NM = 0.4, 0.05
+"""Error against the smoothed command of a previewed programme, rms."""
 LATE_MAX_PERCENT = 1.0
 LOST_MAX_PERCENT = 0.1
 WORK_MAX_MS = 0.5
@@ -56,6 +58,7 @@ def checks(summary: Mapping[str, Any]) -> list[Check]:
     lowest = TENSION_MIN_SHARE * s["tension_min_commanded_n"]
     ended = s["loading_ended_by"]
     return [
+        *_error_checks(s),
         Check(
             "loading ended by",
             ended.partition(" (")[0],
@@ -111,6 +114,26 @@ def checks(summary: Mapping[str, Any]) -> list[Check]:
         *_timing_checks(s),
         *_phase_checks(s),
     ]
+
+
+def _error_checks(s: Mapping[str, Any]) -> list[Check]:
+    """What users ask first: how far the wrench was from the command."""
+    found = []
+    for kind, unit, digits in (("force", "N", 2), ("torque", "N m", 3)):
+        key = f"{kind}_{unit.replace(' ', '').lower()}"
+        for what, name in (("error against the command", "command"), ("in idle axes", "idle")):
+            values = [s.get(f"{name}_error_{part}_{key}") for part in ("rms", "p95", "max")]
+            shown = " / ".join("-" if v is None else f"{v:.{digits}f}" for v in values)
+            expected = "rms / 95 % / largest"
+            found.append(Check(f"{what}, {kind}", f"{shown} {unit}", expected, None))
+    if s.get("preview_lead_s"):
+        limits = ((SMOOTHED_FORCE_MAX_N, "N", 3), (SMOOTHED_TORQUE_MAX_NM, "N m", 4))
+        for kind, (limit, unit, digits) in zip(("force", "torque"), limits, strict=True):
+            value = s[f"smoothed_error_rms_{kind}_{unit.replace(' ', '').lower()}"]
+            found.append(
+                _most(f"rms against the smoothed command, {kind}", value, unit, digits, limit)
+            )
+    return found
 
 
 def _phase_checks(s: Mapping[str, Any]) -> list[Check]:

@@ -26,7 +26,8 @@ from cabols_control.run_report.figures import (
     tidy,
 )
 from cabols_control.run_report.motion import POSITION
-from cabols_control.run_report.run import FORCES, QUATERNION, TORQUES
+from cabols_control.run_report.programme import AXES
+from cabols_control.run_report.run import QUATERNION
 from cabols_control.run_report.session_figure import MODE_COLOURS, MODE_NAMES
 from cabols_control.supervision.modes import OperatingMode
 
@@ -172,15 +173,19 @@ def draw_wrench(bag: Bag, rig: Rig) -> Figure:
     del rig
     figure = new_figure(11.0, 8.0)
     panels = figure.subplots(3, 2, sharex=True).T.ravel()
-    for topic, colour, label in (
-        ("wrench", MEASURED, "measured, platform's axes"),
-        ("desired_wrench", DESIRED, "desired, base axes"),
+    asked = ("program_wrench", "command.", "command, base axes")
+    if "program_wrench" not in bag:
+        asked = ("desired_wrench", "wrench.", "desired, base axes")
+    for (topic, prefix, label), colour in (
+        (("wrench", "wrench.", "measured, platform's axes"), MEASURED),
+        (asked, DESIRED),
     ):
         if topic not in bag:
             continue
         series = bag[topic]
         time = times(bag, series)
-        for axes, field in zip(panels, (*FORCES, *TORQUES), strict=True):
+        for axes, axis in zip(panels, AXES, strict=True):
+            field = prefix + axis
             x, y = decimate(time, np.asarray(series[field], float), POINTS)
             axes.plot(x, y, color=colour, lw=1.2, label=label)
     for axes, label in zip(panels, COMPONENTS, strict=True):
@@ -232,5 +237,5 @@ PARTS = (
 )
 TOPICS = (
     *(part.topic for part in PARTS),
-    *("desired_wrench", "loop_status", "reflector_measurement"),
+    *("desired_wrench", "program_wrench", "loop_status", "reflector_measurement"),
 )

@@ -122,9 +122,8 @@ def _draw_wrench(axes: Axes, run: BenchRun, component: int) -> None:
     rows = _shown(run)
     time = run.time[rows]
     _curve(axes, time, run.measured[rows, component], color=MEASURED, lw=1.5, label="measured")
-    _curve(
-        axes, time, run.desired[rows, component], color=DESIRED, lw=1.1, ls="--", label="desired"
-    )
+    asked = run.program.command[rows, component]
+    _curve(axes, time, asked, color=DESIRED, lw=1.1, ls="--", label="command")
     tidy(axes, COMPONENTS[component])
     axes.margins(x=0.01)
 

@@ -8,8 +8,10 @@ import numpy as np
 from scipy import signal
 
 from cabols_control.checks import FloatArray
+from cabols_control.load_programs.preview import smoothed_rise_time
 from cabols_control.rig import Rig
 from cabols_control.run_report.acceptance import Check, checks, table
+from cabols_control.run_report.errors_of_wrench import error_numbers
 from cabols_control.run_report.phases import phase_numbers
 from cabols_control.run_report.run import (
     BenchRun,
@@ -150,21 +152,35 @@ def _response_numbers(run: BenchRun, rig: Rig) -> dict[str, Any]:
     if time.size < 2:
         raise RunError(f"{run.name}: expected measured wrenches in LOADING, got {time.size}")
     rated = rig.control.rated
-    found = analyse_steps(time, desired, measured, rated)
-    error = measured - desired
+    found = _steps(run, time, desired, measured, rated)
     period = float(np.median(np.diff(time)))
     deviation = measured - designed_response(rig, desired, period)
     later = time >= START_UP_S
     return {
         "steps": len(found.steps),
         **_step_numbers(found, rated),
-        "rise_time_designed_s": designed_rise_time(rig),
-        "tracking_rms_force_n": _rms(error[:, :3]),
-        "tracking_rms_torque_nm": _rms(error[:, 3:]),
+        "rise_time_designed_s": (
+            smoothed_rise_time(rig.control) if run.program.lead else designed_rise_time(rig)
+        ),
+        **error_numbers(run),
         "deviation_from_design_rms_force_n": _rms(deviation[later, :3]),
         "deviation_from_design_rms_torque_nm": _rms(deviation[later, 3:]),
         "deviation_from_design_percent": 100.0 * _extreme(np.max, np.abs(deviation[later]) / rated),
     }
+
+
+def _steps(
+    run: BenchRun, time: FloatArray, desired: FloatArray, measured: FloatArray, rated: FloatArray
+) -> Response:
+    """Judge the steps of the reference, or of a previewed programme.
+
+    Its response begins a lead before the step: the command of so much later is what it answers.
+    """
+    if not run.program.lead:
+        return analyse_steps(time, desired, measured, rated)
+    ahead = run.program.ahead[run.loading & np.isfinite(run.measured).all(axis=1)]
+    ran = np.isfinite(ahead).all(axis=1)
+    return analyse_steps(time[ran], ahead[ran], measured[ran], rated)
 
 
 def _rms(values: FloatArray) -> float:

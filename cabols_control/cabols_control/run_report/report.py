@@ -141,9 +141,9 @@ def _plots(run: BenchRun, summary: Mapping[str, Any]) -> list[tuple[Any, bool]]:
     for component, label in enumerate(COMPONENTS):
         # Those with a legend above need room for it.
         plot = _plot(span, label, 235 if component < 2 else 210)
-        curves = (("measured", run.measured, MEASURED), ("desired", run.desired, DESIRED))
+        curves = (("measured", run.measured, MEASURED), ("command", run.program.command, DESIRED))
         for name, values, colour in curves:
-            dash = "dashed" if name == "desired" else "solid"
+            dash = "dashed" if name == "command" else "solid"
             _line(plot, time, values[rows, component], colour, name, dash)
         _legend(plot, "above" if component < 2 else "")
         plots.append((plot, False))

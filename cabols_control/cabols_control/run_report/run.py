@@ -13,6 +13,7 @@ from cabols_control.bags.reader import Bag, Series, read_bag
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.errors import CabolsError
 from cabols_control.run_report.motion import RecordedMotion, join_motion
+from cabols_control.run_report.programme import RecordedProgram, join_program
 from cabols_control.supervision.modes import OperatingMode
 
 NEEDED = ("limb_state", "wrench", "tension_command", "motor_current", "mode")
@@ -86,7 +87,7 @@ class BenchRun:
         time: (k,) from the start of LOADING, negative before it [s].
         loading: (k,) whether the mode was LOADING.
         sequence: (k,) number of the sample.
-        desired: (k, 6) in force at the sample [N, N m].
+        desired: (k, 6) reference of the wrench law at the sample [N, N m].
         control: (k, 6) u of (3.17) [N, N m].
         measured: (k, 6) by the force/torque sensor [N, N m].
         tension: (k, n) estimates (3.9) [N].
@@ -100,6 +101,7 @@ class BenchRun:
         health: by node.
         lost: samples missing in the bag, by topic.
         motion: of robot and platform.
+        program: what the load programme asked for.
         loading_log_ns: when the first and the last sample of LOADING were recorded, system clock.
     """
 
@@ -122,6 +124,7 @@ class BenchRun:
     health: dict[str, NodeHealth]
     lost: dict[str, int]
     motion: RecordedMotion
+    program: RecordedProgram
     loading_log_ns: tuple[int, int] = (0, 0)
 
     @property
@@ -157,6 +160,7 @@ def join_run(bag: Bag) -> BenchRun:
     sequence = np.asarray(state["sequence"]).astype(np.int64)[order]
     command, answer = bag["tension_command"], bag["motor_current"]
     command_rows, answer_rows = _rows(stamps, command), _rows(stamps, answer)
+    desired = _spread(command_rows, _column(command, "desired"), stamps.size)
     used = _spread(answer_rows, _column(answer, "tension_sequence"), stamps.size)
     return BenchRun(
         name=bag.folder.name,
@@ -164,7 +168,7 @@ def join_run(bag: Bag) -> BenchRun:
         time=np.multiply(1e-9, stamps - begin),
         loading=loading,
         sequence=sequence,
-        desired=_spread(command_rows, _column(command, "desired"), stamps.size),
+        desired=desired,
         control=_spread(command_rows, _column(command, "control"), stamps.size),
         measured=_measured(bag, stamps),
         tension=_column(state, "tension")[order],
@@ -178,6 +182,7 @@ def join_run(bag: Bag) -> BenchRun:
         health=_health(bag, begin, end),
         lost=_lost(bag, stamps),
         motion=join_motion(bag, begin),
+        program=join_program(bag, stamps, desired),
         loading_log_ns=(int(logged.min()), int(logged.max())) if logged.size else (0, 0),
     )
 

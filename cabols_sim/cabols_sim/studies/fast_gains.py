@@ -155,6 +155,7 @@ def run_program(program: str, control: Path, folder: Path, rig: str = BENCH) -> 
             "lockstep": True,
             "auto_start": True,
             "program": program,
+            "preview": False,
             "exit_when_done": True,
             "control_file": str(control),
             "output": str(folder / "bag"),

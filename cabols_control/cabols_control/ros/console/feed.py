@@ -59,6 +59,7 @@ class Feed:
 
         self._state = live("limb_state", topics.limb_state_layout(geometry))
         self._wrench = live("wrench", topics.wrench_layout(geometry.platform_frame))
+        self._program = live("program_wrench", topics.program_wrench_layout(geometry.base_frame))
         self._command = live("tension_command", topics.tension_command_layout(geometry))
         self._pose = live("platform_pose", topics.pose_layout(geometry))
         self._joints = Reader(node, live_name("joint_states"))
@@ -83,7 +84,7 @@ class Feed:
 
     def look(self) -> dict[str, Any]:
         """Take what has arrived, store it as the newest values; return the frame."""
-        for source in self.frame_inputs():
+        for source in (*self.frame_inputs(), self._program):
             source.take()
         for message in self._joints.take():
             self._joint_values = (time.monotonic(), list(message.position))
@@ -120,7 +121,9 @@ class Feed:
             record = self._command.record
             frame["A"] = numbers(record["tension"], 2)
             frame["F"] = bool(record["feasible"])
-            frame["d"] = numbers(record["desired"], 3)
+            # A preview's reference runs ahead of what was asked for.
+            asked = self._program.record["command"] if fresh(self._program) else record["desired"]
+            frame["d"] = numbers(asked, 3)
         if fresh(self._pose):
             frame["P"] = numbers(self._pose.record["pose"], 5)
         heard_s, values = self._joint_values

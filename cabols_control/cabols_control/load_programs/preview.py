@@ -1,0 +1,158 @@
+"""A programme that is known in advance, followed without lag: smoothed, then previewed.
+
+The wrench follows its reference by the designed response G of (3.26). A reference that is the
+smoothed programme divided by G gives the smoothed programme itself: inverse of the design as
+feed-forward, with the feedback as it is. The smoothing is a window without phase, so that it can
+begin before a step does, which only a programme that is known in advance allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+
+from cabols_control.checks import FloatArray
+from cabols_control.gains import WrenchGains
+from cabols_control.load_programs.programs import LoadProgram
+from cabols_control.rig import ControlConfig
+
+PERIOD_S = 0.001
+"""Between the points of a shaped programme [s]."""
+BOXES = 4
+"""Moving averages, one after the other: the smoothed curve has three continuous derivatives but the
+last, as many as 1 / G asks for."""
+DERIVATIVES = 3
+"""Each reaches one point farther."""
+BOX_BANDWIDTH = 0.2266
+"""-3 dB of BOXES moving averages of a width T, times T: sinc(x)^4 = 1 / sqrt(2)."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedProgram:
+    """A programme as it is followed.
+
+    Attributes:
+        command: what was asked for.
+        smoothed: what the wrench is meant to be; begins `lead` before the command does.
+        reference: what the wrench law follows, of the same times.
+        lead: how long before the command's start it begins [s].
+        bandwidth: -3 dB of the smoothing [Hz].
+    """
+
+    command: LoadProgram
+    smoothed: LoadProgram
+    reference: LoadProgram
+    lead: float
+    bandwidth: float
+
+    @property
+    def name(self) -> str:
+        """Of the programme."""
+        return self.command.name
+
+    @property
+    def duration(self) -> float:
+        """From the start of the smoothed programme to its end [s]."""
+        return self.smoothed.duration
+
+    def control(self, gains: WrenchGains) -> LoadProgram:
+        """Control signal u of (3.17) that the cables have to give, where the wrench is smoothed.
+
+        Args:
+            gains: of the wrench law.
+        """
+        error = self.reference.sample(self.smoothed.time) - self.smoothed.wrench
+        integral = gains.integral * PERIOD_S * np.cumsum(error, axis=0)
+        return replace(self.smoothed, wrench=gains.proportional * error + integral)
+
+
+def as_given(program: LoadProgram) -> ShapedProgram:
+    """Return a programme that is followed by feedback alone: by the designed response."""
+    return ShapedProgram(program, program, program, lead=0.0, bandwidth=np.inf)
+
+
+def smoothed_rise_time(design: ControlConfig) -> float:
+    """10 to 90 % rise of a smoothed step [s]."""
+    times, values = np.array([0.0, 1.0]), np.array([[0.0] * 6, [1.0] * 6])
+    shaped = shape_program(LoadProgram("step", times, values, held=True), design)
+    share = shaped.smoothed.wrench[:, 0]
+    low, high = np.interp([0.1, 0.9], share, shaped.smoothed.time)
+    return float(high - low)
+
+
+def shape_program(
+    program: LoadProgram, design: ControlConfig, held_s: float = 0.0
+) -> ShapedProgram:
+    """Smooth a programme and divide it by the designed response.
+
+    Args:
+        program: as asked for.
+        design: poles and zero of the wrench's response, bandwidth of the smoothing, delay of the
+            loop beside the design.
+        held_s: for how long the wrench law holds each value of the reference [s].
+
+    Returns:
+        Smoothed programme and reference, a point per millisecond.
+    """
+    width = BOX_BANDWIDTH / design.preview_bandwidth
+    # An odd number of points, so that windows are centred; not more than the bandwidth permits.
+    box = max(2 * int(0.5 * (width / PERIOD_S - 1.0)) + 1, 3)
+    half = BOXES * (box - 1) // 2
+    ahead = round((design.preview_delay + 0.5 * held_s) / PERIOD_S)
+    lead, tail = half + ahead + DERIVATIVES, half + DERIVATIVES
+    points = int(np.ceil(program.duration / PERIOD_S)) + 1
+    # The window reaches beyond both ends of what is followed.
+    time = _clock(-lead - half, points + tail + half)
+    smoothed = program.sample(time)
+    for _ in range(BOXES):
+        smoothed = _average(smoothed, box)
+    reference = _divide(smoothed, design)
+    reference = np.vstack([reference[ahead:], np.repeat(reference[-1:], ahead, axis=0)])
+    keep = slice(half, time.size - half)
+    clock = _clock(0, time[keep].size)
+    return ShapedProgram(
+        command=program,
+        smoothed=LoadProgram(program.name, clock, smoothed[keep], held=False),
+        reference=LoadProgram(program.name, clock, reference[keep], held=False),
+        lead=PERIOD_S * lead,
+        bandwidth=BOX_BANDWIDTH / (box * PERIOD_S),
+    )
+
+
+def _clock(first: int, end: int) -> FloatArray:
+    """Times of points from one number to before another [s]."""
+    return np.asarray(PERIOD_S * np.arange(first, end), dtype=np.float64)
+
+
+def _average(values: FloatArray, box: int) -> FloatArray:
+    """Centred moving average of the rows; beyond the ends they go on as they are there."""
+    return np.asarray(uniform_filter1d(values, box, axis=0, mode="nearest"))
+
+
+def _divide(smoothed: FloatArray, design: ControlConfig) -> FloatArray:
+    """1 / G of the smoothed rows: derivatives, and what the zero makes of the rest.
+
+    1 / G = prod(1 - s / p_i) / (1 - s / z); by division a polynomial of third degree in s and a
+    first-order lag of 1 / |z|.
+    """
+    zero = -abs(design.zero)
+    numerator = np.poly(design.poles) / np.prod(np.negative(design.poles))
+    polynomial, rest = np.polydiv(numerator, [-1.0 / zero, 1.0])
+    found = np.zeros_like(smoothed)
+    derivative = smoothed
+    for coefficient in polynomial[::-1]:
+        found += coefficient * derivative
+        derivative = np.gradient(derivative, PERIOD_S, axis=0)
+    return found + float(rest[-1]) * _lag(smoothed, 1.0 / abs(zero))
+
+
+def _lag(values: FloatArray, time_constant: float) -> FloatArray:
+    """First-order lag of the rows, exact for straight lines between them; starts at rest."""
+    share = PERIOD_S / time_constant
+    kept = np.exp(-share)
+    mean = (1.0 - kept) / share
+    steps = lfilter([1.0 - mean, mean - kept], [1.0, -kept], values - values[:1], axis=0)
+    return np.asarray(values[:1] + steps)
