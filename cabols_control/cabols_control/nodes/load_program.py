@@ -204,11 +204,12 @@ class LoadProgramNode(ControlNode):
         asked.stamp(stamp_ns)
         if program is None:
             wanted["wrench"][:] = asked["command"][:] = asked["smoothed"][:] = 0.0
+            asked["lead"][0] = 0.0
         else:
             wanted["wrench"][:] = program.reference.at(time_s)
             asked["command"][:] = program.command.at(time_s - program.lead)
             asked["smoothed"][:] = program.smoothed.at(time_s)
-            asked["lead"] = program.lead
+            asked["lead"][0] = program.lead
         self._output.publish(wanted.raw())
         self._told.publish(asked.raw())
         self._told.copy()
