@@ -72,7 +72,7 @@ def _held(stamps: IntArray, values: FloatArray, samples_ns: IntArray) -> FloatAr
 def _between(stamps: IntArray, values: FloatArray, samples_ns: IntArray) -> FloatArray:
     """Straight lines between the messages: the curve is smooth, its messages are rarer."""
     found = _held(stamps, values, samples_ns)
-    known = np.isfinite(found[:, 0])
+    known = np.isfinite(found).all(axis=1)
     times, moments = stamps - stamps[0], samples_ns[known] - stamps[0]
     for found_axis, axis in zip(found.T, values.T, strict=True):
         found_axis[known] = np.interp(moments, times, axis)

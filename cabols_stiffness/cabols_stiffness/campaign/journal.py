@@ -16,6 +16,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from cabols_control.naming import load_name, number
 from cabols_control.output_folder import MARKER
 from cabols_control.rig_folder import RigFolder
 from cabols_stiffness.campaign.plan import CampaignPlan, load_plan, plan_text
@@ -276,17 +277,17 @@ def _loads(path: Path, rows: Sequence[list[str]], limbs: int) -> list[MeasuredLo
         CampaignError: naming the line that cannot be used.
     """
     found: dict[tuple[int, int], tuple[int, list[str], MeasuredLoad]] = {}
-    for number, cells in enumerate(rows, start=2):
+    for line, cells in enumerate(rows, start=2):
         try:
             load = from_cells(cells, limbs)
         except CampaignError as error:
-            raise CampaignError(f"{path}, line {number}: {error}") from error
-        before = found.setdefault((load.group, load.load), (number, cells, load))
+            raise CampaignError(f"{path}, line {line}: {error}") from error
+        before = found.setdefault((load.group, load.load), (line, cells, load))
         if before[1] != cells:
             raise CampaignError(
-                f"{path}, line {number}: expected each load of a pass once, got load {load.load} "
-                f"of pass {load.group} with other values than in line {before[0]}; delete the "
-                "wrong one"
+                f"{path}, line {line}: expected each load of a pass once, got "
+                f"{load_name(load.load)} of pass {number(load.group)} with other values than in "
+                f"line {before[0]}; delete the wrong one"
             )
     return [load for _, _, load in found.values()]
 
