@@ -1,4 +1,4 @@
-"""Programmes that are followed without lag: against python-control's response, and by properties."""
+"""Programmes followed without lag: against python-control's response, and by properties."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def held_load(bridge: Bridge) -> str:
         parts.append(
             f"the sensor shows about {_rounded(float(np.linalg.norm(bridge.wrench[:3])))} N"
         )
-    return f"the gears hold a load: {'; '.join(parts)}. FREE_MOVING takes it off"
+    return f"the gears hold: {'; '.join(parts)}. FREE_MOVING takes it off"
 
 
 def _rounded(newtons: float) -> int:
