@@ -55,6 +55,7 @@ class Status:
     Attributes:
         log: of the loop.
         on_change: called after each change of state or reason.
+        counted: further counters for /diagnostics, by name.
     """
 
     def __init__(self, node: Node, lockstep: bool) -> None:
@@ -71,6 +72,7 @@ class Status:
         self.lost = 0
         self.late = 0
         self.infeasible = 0
+        self.counted: dict[str, int] = {}
         self.work = Durations()
         self.round_trip = Durations()
 
@@ -108,7 +110,7 @@ class Status:
         """Return the newest state, fault and counters."""
         state, fault = self._reported
         counted = ("cycles", "lost", "late", "infeasible")
-        counters = {name: getattr(self, name) for name in counted}
+        counters = {name: getattr(self, name) for name in counted} | self.counted
         return Health(max(state, WAITING), fault, counters)
 
     def _log(self, state: int, fault: Fault | None) -> None:

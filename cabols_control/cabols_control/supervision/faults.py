@@ -56,6 +56,12 @@ class FaultName(str, Enum):
     # Found by the robot's bridge.
     STREAM_SILENT = "stream_silent"
     STREAM_QUALITY = "stream_quality"
+    STREAM_REFUSED = "stream_refused"
+    """Packets of the robot's stream, or beside it, are not used."""
+    ROBOT_MOTORS = "robot_motors"
+    """The robot's motors are off: its brakes hold it, and not its joints' servo control."""
+    ROBOT_PROGRAM = "robot_program"
+    """RAPID is stopped; the robot stands under servo control."""
     # Found by the supervisor.
     PRETIGHTENING_TIME = "pretightening_time"
     UNLOADING_TIME = "unloading_time"

@@ -1,207 +1,97 @@
 """Reader of the robot's position stream (EGM): returns the newest packet, counts all.
 
-It never answers: an EgmSensor packet would be a correction to the robot's motion.
+It never answers: an EgmSensor packet would be a correction to the robot's motion. Packets carry the
+time at which the kernel received them, so that what has waited in the socket is not taken for the
+present. The first sender is the robot.
 """
 
 from __future__ import annotations
 
 import math
+import select
+import socket
+import struct
 import time
-from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-from abb_robot_client.egm import EGM
-from google.protobuf.message import DecodeError
-
-from cabols_control.checks import FloatArray
+from cabols_hw.abb.egm_sample import EgmSample, read_packet
 from cabols_hw.abb.errors import RobotError
+from cabols_hw.abb.packet_counter import PacketCounter
+from cabols_hw.abb.stream_quality import MALFORMED, CountedStream, Refusal, StreamQuality
+
+__all__ = ["EgmReader", "EgmSample", "PacketCounter", "StreamQuality"]
 
 DRAIN_LIMIT = 1000
 """Most packets taken at once: a flood must not block the bridge."""
 
-RESTART_GAP = 250
-"""A number farther behind is no late packet but a restarted controller: 1 s of packets."""
+SILENCE_S = 0.02
+"""A sender that was not there before may follow one that has been silent for this long [s]."""
 
-CLOCK_DRIFT = 2e-4
-"""Largest drift between the two clocks before packets count as late [s/s]."""
+OTHER_ADDRESS_S = 1.0
+"""The same for one with another IP address, where none is set [s]."""
+
+KNOWN_SENDERS = 64
+PACKET_LIMIT = 65536
+SO_TIMESTAMPNS = 35
+"""Of Linux; Python has no name for it."""
+
+TIMESPEC = struct.Struct("@ll")
 
 
-@dataclass
-class PacketCounter:
-    """Counts lost, late, repeated and reordered packets of a numbered stream.
+class SenderGuard:
+    """Decides who is the robot: the first sender, as long as it sends.
+
+    A new connection of the same robot comes from a new port after a silence. Whoever was heard
+    while the robot was sending is somebody else, and stays so.
 
     Attributes:
-        late_after_s: a packet is late if its way took longer than the quickest one's by this [s].
-        received: packets.
-        lost: numbers missing so far.
-        late: packets over late_after_s.
-        duplicates: packets received twice.
-        out_of_order: packets behind a newer one.
-        restarts: number of restarts of the numbering.
-        newest: newest number; -1 before the first.
+        sender: address and port of the robot; None before the first packet.
     """
 
-    late_after_s: float = 0.010
-    received: int = 0
-    lost: int = 0
-    late: int = 0
-    duplicates: int = 0
-    out_of_order: int = 0
-    restarts: int = 0
-    newest: int = -1
-    _offset: float = math.inf
-    _offset_s: float = 0.0
+    def __init__(self, robot_address: str = "") -> None:
+        """Watch; robot_address: IP address of the controller, empty for any."""
+        self._robot_address = robot_address
+        self._heard_s = -math.inf
+        self._strangers: set[tuple[str, int]] = set()
+        self.sender: tuple[str, int] | None = None
 
-    def take(self, sequence: int, sent_s: float, received_s: float) -> bool:
-        """Count one packet.
+    def admits(self, sender: tuple[str, int], received_s: float) -> Refusal | None:
+        """Return why a sender is refused; None for the robot.
 
         Args:
-            sequence: its number, as the controller counts.
-            sent_s: its time, by the controller's clock [s].
-            received_s: when it came, by any clock of this computer [s].
-
-        Returns:
-            Whether it is newer than all before.
+            sender: address and port.
+            received_s: when its packet arrived [s].
         """
-        self.received += 1
-        behind = self.newest - sequence
-        if behind >= RESTART_GAP:
-            self.restarts += 1
-            self.newest, self._offset = -1, math.inf
-        elif behind >= 0:
-            self.duplicates += behind == 0
-            self.out_of_order += behind > 0
-            if behind > 0:
-                # It was counted as lost, unless it precedes the first packet or is a duplicate.
-                self.lost = max(self.lost - 1, 0)
+        if self._robot_address and sender[0] != self._robot_address:
+            return Refusal.ADDRESS
+        if sender == self.sender or self.sender is None or self._follows(sender, received_s):
+            return None
+        if len(self._strangers) < KNOWN_SENDERS:
+            self._strangers.add(sender)
+        return Refusal.SECOND_SENDER
+
+    def _follows(self, sender: tuple[str, int], received_s: float) -> bool:
+        if self.sender is None or sender in self._strangers:
             return False
-        if self.newest >= 0:
-            self.lost += sequence - self.newest - 1
-        self.newest = sequence
-        self._judge_delay(received_s - sent_s, received_s)
-        return True
+        silence = SILENCE_S if sender[0] == self.sender[0] else OTHER_ADDRESS_S
+        return received_s - self._heard_s > silence
 
-    def _judge_delay(self, offset: float, received_s: float) -> None:
-        # The clocks' offset is unknown: the quickest packet so far counts as undelayed.
-        self._offset += CLOCK_DRIFT * max(received_s - self._offset_s, 0.0)
-        self._offset = min(self._offset, offset)
-        self._offset_s = received_s
-        self.late += not offset - self._offset <= self.late_after_s
-
-
-class StreamQuality:
-    """Reports when too many of some tens of packets are lost or late.
-
-    Attributes:
-        trouble: what is wrong with the newest window; empty for nothing.
-    """
-
-    def __init__(
-        self, counter: PacketCounter, window: int = 50, lost: float = 0.15, late: float = 0.6
-    ) -> None:
-        """Watch a counter.
+    def hear(self, sender: tuple[str, int], received_s: float) -> bool:
+        """Note a packet of the robot; return whether its sender is a new one.
 
         Args:
-            counter: of the stream.
-            window: number of packets sent, received or not, that are judged together.
-            lost: share of them that may be lost.
-            late: share of the received ones that may be late.
+            sender: address and port.
+            received_s: when its packet arrived [s].
         """
-        self._counter = counter
-        self._window = window
-        self._limits = (lost, late)
-        self._before = (0, 0, 0)
-        self.trouble = ""
-
-    def look(self) -> str:
-        """Judge the packets since the last judgement, if there are enough; return trouble."""
-        counter = self._counter
-        now = (counter.received, counter.lost, counter.late)
-        received, lost, late = (a - b for a, b in zip(now, self._before, strict=True))
-        if received + lost < self._window:
-            return self.trouble
-        self._before = now
-        lost_share, late_share = lost / (received + lost), late / max(received, 1)
-        self.trouble = ""
-        if not lost_share <= self._limits[0]:
-            self.trouble = f"EGM: {100 * lost_share:.0f} % of the packets are lost"
-        elif not late_share <= self._limits[1]:
-            self.trouble = (
-                f"EGM: {100 * late_share:.0f} % of the packets come more than "
-                f"{1e3 * counter.late_after_s:.0f} ms late"
-            )
-        return self.trouble
-
-
-@dataclass(frozen=True, eq=False)
-class EgmSample:
-    """Content of one packet.
-
-    Attributes:
-        sequence: the controller's number of it.
-        robot_time_ns: the controller's clock.
-        joints: (6,) encoders [rad].
-        position: (3,) of the program's tool, robot base frame [m].
-        quaternion: (4,) x y z w, from tool to robot base axes, of length one.
-        motors_on: whether the motors are on.
-        rapid_running: whether a RAPID program runs.
-        received_s: time.monotonic() when it was taken.
-    """
-
-    sequence: int
-    robot_time_ns: int
-    joints: FloatArray
-    position: FloatArray
-    quaternion: FloatArray
-    motors_on: bool
-    rapid_running: bool
-    received_s: float
-
-
-def sample_of(state: Any, received_s: float) -> EgmSample | None:
-    """Convert an EGMRobotState; None if it lacks joints or pose, or they are no numbers.
-
-    Args:
-        state: EGMRobotState of abb_robot_client.
-        received_s: when it came, on the computer's clock [s].
-    """
-    if state.joint_angles is None or state.cartesian is None:
-        return None
-    joints = np.deg2rad(np.asarray(state.joint_angles, dtype=np.float64))
-    position = 1e-3 * np.asarray(state.cartesian[0], dtype=np.float64)
-    w, x, y, z = (float(v) for v in state.cartesian[1])
-    quaternion = np.array([x, y, z, w])
-    length = float(np.linalg.norm(quaternion))
-    finite = joints.shape == (6,) and bool(
-        np.isfinite(joints).all() and np.isfinite(position).all()
-    )
-    if not (finite and abs(length - 1.0) < 1e-3):
-        return None
-    message = state.robot_message
-    clock = message.feedBack.time
-    time_ns = int(clock.sec) * 1_000_000_000 + int(clock.usec) * 1000
-    if not message.feedBack.HasField("time"):
-        time_ns = int(message.header.tm) * 1_000_000
-    return EgmSample(
-        int(message.header.seqno),
-        time_ns,
-        joints,
-        position,
-        quaternion / length,
-        bool(state.motors_on),
-        bool(state.rapid_running),
-        received_s,
-    )
+        new = self.sender is not None and sender != self.sender
+        self.sender, self._heard_s = sender, received_s
+        return new
 
 
 class EgmReader:
     """Newest packet of the stream.
 
     Attributes:
-        counter: what was received, lost, late.
-        malformed: packets that could not be used.
-        foreign: packets from another address than the robot's.
+        counter: what was received, lost, late, refused.
         port: where it listens.
     """
 
@@ -211,6 +101,7 @@ class EgmReader:
         robot_address: str = "",
         late_after_s: float = 0.010,
         clock_rate: float = 1.0,
+        max_age_s: float = 0.2,
     ) -> None:
         """Open the port.
 
@@ -221,54 +112,89 @@ class EgmReader:
             late_after_s: see PacketCounter.
             clock_rate: rate of the controller's clock in this computer's: 1, except for a
                 simulated one in slow motion.
+            max_age_s: a packet that has waited longer in this computer is counted, not returned.
 
         Raises:
             RobotError: if the port is taken.
         """
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            self._egm = EGM(port)
+            self._socket.bind(("", port))
         except OSError as error:
+            self._socket.close()
             raise RobotError(
                 f"egm_port: expected a free UDP port, got {port} ({error.strerror}); "
                 "is another bridge running?"
             ) from error
-        self.port: int = self._egm.socket.getsockname()[1]
-        self._robot_address = robot_address
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self.port: int = self._socket.getsockname()[1]
+        self._guard = SenderGuard(robot_address)
         self._clock_rate = clock_rate
-        self.counter = PacketCounter(late_after_s)
-        self.malformed = 0
-        self.foreign = 0
+        self._max_age_s = max_age_s
+        self.counter = CountedStream(late_after_s)
+
+    @property
+    def malformed(self) -> int:
+        """Packets that could not be used."""
+        return sum(self.counter.refused[reason] for reason in MALFORMED)
+
+    @property
+    def foreign(self) -> int:
+        """Packets of others than the robot."""
+        refused = self.counter.refused
+        return refused[Refusal.ADDRESS] + refused[Refusal.SECOND_SENDER]
 
     def take(self, timeout_s: float) -> EgmSample | None:
         """Wait for a packet, drain the socket, return the newest; None if none came in time."""
+        give_up = time.monotonic() + timeout_s
+        while True:
+            newest = self._drain()
+            left = give_up - time.monotonic()
+            if newest is not None or not left > 0.0:
+                return newest
+            select.select([self._socket], [], [], left)
+
+    def _drain(self) -> EgmSample | None:
         newest: EgmSample | None = None
-        wait = timeout_s
         for _ in range(DRAIN_LIMIT):
             try:
-                found, state = self._egm.receive_from_robot(wait)
-            except DecodeError:
-                self.malformed += 1
-                wait = 0.0
-                continue
-            if not found:
-                return newest
-            wait = 0.0
-            newest = self._accept(state) or newest
+                raw, extra, _, sender = self._socket.recvmsg(PACKET_LIMIT, 64)
+            except OSError:
+                break
+            newest = self._accept(raw, sender, _arrival_s(extra)) or newest
+        if newest is not None and not time.monotonic() - newest.received_s <= self._max_age_s:
+            self.counter.refuse(Refusal.OLD, f"{time.monotonic() - newest.received_s:.2f} s")
+            return None
         return newest
 
-    def _accept(self, state: Any) -> EgmSample | None:
-        sender = self._egm.egm_addr
-        if self._robot_address and (sender is None or sender[0] != self._robot_address):
-            self.foreign += 1
+    def _accept(self, raw: bytes, sender: tuple[str, int], received_s: float) -> EgmSample | None:
+        refusal = self._guard.admits(sender, received_s)
+        if refusal is not None:
+            self.counter.refuse(refusal, f"{sender[0]}:{sender[1]}")
             return None
-        sample = sample_of(state, time.monotonic())
-        if sample is None:
-            self.malformed += 1
+        sample = read_packet(raw, received_s)
+        if not isinstance(sample, EgmSample):
+            self.counter.refuse(*sample)
             return None
-        received_s = sample.received_s * self._clock_rate
-        fresh = self.counter.take(sample.sequence, 1e-9 * sample.robot_time_ns, received_s)
+        if self._guard.hear(sender, received_s):
+            self.counter.renew()
+        fresh = self.counter.take(
+            sample.sequence, 1e-9 * sample.robot_time_ns, received_s * self._clock_rate
+        )
         return sample if fresh else None
 
     def close(self) -> None:
         """Close the socket."""
-        self._egm.close()
+        self._socket.close()
+
+
+def _arrival_s(extra: list[tuple[int, int, bytes]]) -> float:
+    """When the kernel received a packet, by time.monotonic() [s]; now, if it does not tell."""
+    now_s = time.monotonic()
+    for level, kind, data in extra:
+        if (level, kind) == (socket.SOL_SOCKET, SO_TIMESTAMPNS) and len(data) >= TIMESPEC.size:
+            seconds, nanoseconds = TIMESPEC.unpack_from(data)
+            age_ns = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
+            return now_s - 1e-9 * max(int(age_ns), 0)
+    return now_s

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ipaddress
 import os
+import socket
 import sys
 import time
 from collections.abc import Callable
@@ -29,13 +31,14 @@ from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
 from cabols_hw.abb.rws import RobotMover
 from cabols_hw.bringup_nodes import NODES as HW_NODES
-from cabols_hw.ros.robot_stream import BaseFrame, RobotStream
+from cabols_hw.ros.robot_stream import MOTORS_OFF, BaseFrame, RobotStream
 from cabols_hw.ros.worker import Worker
 from cabols_hw.tracker.client import TrackerClient
 from cabols_hw.tracker.config import load_tracker_config
 
 MAY_MOVE = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
 PASSWORD_VARIABLE = "CABOLS_ROBOT_PASSWORD"
+ANY = "any"
 FEEDBACK_S = 0.05
 END_S = 0.8
 AIM_SHARE = 0.1
@@ -89,17 +92,18 @@ class AbbTrackerBridge(ControlNode):
             declare_row(self, HW_NODES.argument("robot_configurations_file")),
         )
         speed = declare_row(self, HW_NODES.argument("speed"))
+        stale = declare_row(self, HW_NODES.argument("stale_after"))
         self._reader = EgmReader(
             declare_row(self, HW_NODES.argument("egm_port")),
-            declare(self, "egm_address", "", "IP that EGM must come from; empty: any"),
+            self._egm_sender(address),
             declare(self, "late_after", 0.03, "s, delay that counts as late", (0.001, 1.0)),
             speed,
+            stale,
         )
         base = BaseFrame(
             declare(self, "robot_position", [0.0] * 3, "m, robot's base in the rig's"),
             declare(self, "robot_rotation_xyz_deg", [0.0] * 3, "intrinsic x-y-z, of its base"),
         )
-        stale = declare_row(self, HW_NODES.argument("stale_after"))
         robot_clock = declare(
             self, "robot_clock", False, "stamps are the controller's time: simulation only"
         )
@@ -107,6 +111,21 @@ class AbbTrackerBridge(ControlNode):
         self._stream.on_fault = lambda: Worker(self._halt)
         self._robot_clock = robot_clock
         return speed
+
+    def _egm_sender(self, robot_address: str) -> str:
+        """Return the IP address that the position stream must come from; empty for any."""
+        given = declare(
+            self, "egm_address", "", "IP that EGM must come from; empty: robot_address; any: any"
+        )
+        address = given or robot_address
+        if address == ANY:
+            return ""
+        try:
+            return str(ipaddress.IPv4Address(socket.gethostbyname(address)))
+        except OSError as error:
+            raise ConfigError(
+                f"egm_address: expected an IP address or 'any', got {address} ({error})"
+            ) from error
 
     def _read_password(self) -> str:
         path = declare(
@@ -256,6 +275,9 @@ class AbbTrackerBridge(ControlNode):
             return "a measurement is under way"
         if not self._tracker_address:
             return "no tracker: set tracker_address"
+        newest = self._stream.newest
+        if newest is not None and not newest.motors_on:
+            return MOTORS_OFF.reason
         return ""
 
     async def _measure(self, handle: Any) -> Any:

@@ -24,6 +24,14 @@ from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
 
 WAIT_S = 0.01
+MOTORS_OFF = Fault(
+    FaultName.ROBOT_MOTORS,
+    "robot: its motors are off and its brakes hold it: no load and no measurement; release "
+    "emergency stops and press motors on",
+)
+PROGRAM_STOPPED = Fault(
+    FaultName.ROBOT_PROGRAM, "robot: RAPID is stopped; it stands, and a motion starts RAPID anew"
+)
 JOINT_NAMES = tuple(f"joint_{number(i)}" for i in range(6))
 
 
@@ -104,8 +112,6 @@ class RobotStream(GuardedThread):
         self._quality = StreamQuality(reader.counter, late=late)
         self._base = base
         self._stale_after_s = stale_after_s
-        reason = f"robot: no EGM packet for {stale_after_s:g} s"
-        self._stale = Fault(FaultName.STREAM_SILENT, reason)
         self._robot_clock = robot_clock
         self._pose = topics.pose_layout(node.rig.geometry).record()
         self._joints = JointStateBytes(JOINT_NAMES)
@@ -127,7 +133,11 @@ class RobotStream(GuardedThread):
     def stale(self) -> bool:
         """Whether the newest pose is too old."""
         newest = self.newest
-        return newest is None or not time.monotonic() - newest.received_s <= self._stale_after_s
+        return newest is None or not self._age_s(newest) <= self._stale_after_s
+
+    @staticmethod
+    def _age_s(sample: EgmSample) -> float:
+        return time.monotonic() - sample.received_s
 
     def now_ns(self) -> int:
         """Return the present time, in the clock of the stamps."""
@@ -138,7 +148,7 @@ class RobotStream(GuardedThread):
         self._node.prepare_thread()
         while self.running:
             sample = self._reader.take(WAIT_S)
-            if sample is not None:
+            if sample is not None and self._age_s(sample) <= self._stale_after_s:
                 self._publish(sample)
             if self._mode_input.take():
                 self._hear_mode()
@@ -152,7 +162,8 @@ class RobotStream(GuardedThread):
     def _publish(self, sample: EgmSample) -> None:
         began = time.monotonic()
         self.newest = sample
-        self.stamp_ns = sample.robot_time_ns if self._robot_clock else time.time_ns()
+        age_ns = int(1e9 * max(self._age_s(sample), 0.0))
+        self.stamp_ns = sample.robot_time_ns if self._robot_clock else time.time_ns() - age_ns
         self._pose.stamp(self.stamp_ns)
         self._base.pose_into(sample, self._pose["pose"])
         self._pose_output.publish(self._pose.raw())
@@ -165,14 +176,32 @@ class RobotStream(GuardedThread):
         status, counter = self._node.status, self._reader.counter
         status.lost = counter.lost
         status.late = 0 if self._node.lockstep else counter.late
-        trouble = self._quality.look()
-        if self.newest is None:
-            status.cycle(0, WAITING)
-        elif self.stale:
-            status.cycle(self.stamp_ns, FAULT, self._stale)
-        elif trouble:
-            fault = Fault(FaultName.STREAM_QUALITY, f"robot: {trouble}")
-            status.cycle(self.stamp_ns, FAULT, fault)
-        else:
-            status.cycle(self.stamp_ns, RUNNING)
+        status.counted = {
+            "restarts": counter.restarts,
+            "clock_steps": counter.clock_steps,
+            "impossible_numbers": counter.impossible,
+            **{f"refused_{reason.name.lower()}": n for reason, n in counter.refused.items()},
+        }
+        self._quality.look()
+        state, fault = self._judged()
+        status.cycle(0 if self.newest is None else self.stamp_ns, state, fault)
         self._node.tidy()
+
+    def _judged(self) -> tuple[int, Fault | None]:
+        """Return the state, and what is wrong or only worth saying."""
+        quality, newest = self._quality, self.newest
+        refused = None
+        if quality.notice:
+            refused = Fault(FaultName.STREAM_REFUSED, f"robot: {quality.notice}")
+        if newest is None:
+            return WAITING, refused
+        if self.stale:
+            reason = f"robot: no EGM packet for {self._stale_after_s:g} s"
+            if quality.notice:
+                reason = f"{reason}; {quality.notice}"
+            return FAULT, Fault(FaultName.STREAM_SILENT, reason)
+        if quality.trouble:
+            return FAULT, Fault(FaultName.STREAM_QUALITY, f"robot: {quality.trouble}")
+        if not newest.motors_on:
+            return FAULT, MOTORS_OFF
+        return RUNNING, refused or (None if newest.rapid_running else PROGRAM_STOPPED)

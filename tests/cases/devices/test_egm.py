@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from cabols_hw.abb.egm import EgmReader, PacketCounter, StreamQuality
-from cases import fails_today
 from egm_packets import PERIOD_S, numbered, udp
 
 
@@ -52,12 +51,10 @@ def two_senders(reader, senders):
     return taken, said
 
 
-@fails_today(14, "poses of two units in turn")
 def test_first_sender_stays_the_robot(two_senders):
     assert set(two_senders[0]) == {"robot"}
 
 
-@fails_today(14, "a second sender is not reported")
 def test_second_sender_is_reported(two_senders):
     assert two_senders[1] - {""}
 
@@ -89,7 +86,6 @@ def session_anew(after, rng):
     return first + second
 
 
-@fails_today(14, "blind until the old number is reached again")
 @pytest.mark.parametrize("after", [200, 240])
 def test_session_that_starts_anew_is_taken_at_once(after):
     found = Stream(session_anew(after, np.random.default_rng(1)))
@@ -102,7 +98,6 @@ def test_session_that_starts_anew_after_long_is_taken():
     assert found.counter.restarts == 1
 
 
-@fails_today(14, "late for as long as the bridge runs")
 @pytest.mark.parametrize("back_s", [1.0, 3600.0])
 def test_clock_that_is_set_back_is_learnt_anew(back_s):
     jitter = np.abs(np.random.default_rng(1).normal(0.0, 0.0005, 5000))
@@ -118,7 +113,6 @@ def test_clock_that_is_set_back_is_learnt_anew(back_s):
     assert not found.trouble[-1000:].any()
 
 
-@fails_today(14, "refused packets are counted, and nobody is told")
 @pytest.mark.parametrize(
     ("address", "changes"),
     [("", {"cartesian": False}), ("", {"joints": (0.0,) * 7}), ("192.168.125.1", {})],
@@ -136,7 +130,6 @@ def test_packets_that_are_refused_are_said(senders, address, changes):
     assert said - {""}
 
 
-@fails_today(13, "one impossible number: four thousand million packets lost")
 def test_one_forged_number_is_refused(reader, senders):
     quality, said = StreamQuality(reader.counter), set()
 

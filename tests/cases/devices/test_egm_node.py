@@ -13,7 +13,6 @@ import time
 import pytest
 
 from cabols_control.bringup.processes import executable_path
-from cases import fails_today
 from egm_packets import PERIOD_S, numbered, udp
 from graph_harness import Watcher, next_environment
 
@@ -68,7 +67,6 @@ def test_good_packets_run():
     assert len(poses) > PACKETS // 2
 
 
-@fails_today(14, "WAITING without a reason")
 @pytest.mark.parametrize(
     ("changes", "parameters"),
     [
@@ -84,7 +82,6 @@ def test_packets_that_are_refused_are_said(changes, parameters):
     assert any("packet" in reason for _, reason in said)
 
 
-@fails_today(14, "poses of two robots in turn")
 def test_second_robot_is_not_published():
     def both(k):
         one = (0, numbered(k, position=(1000.0, 0.0, 1000.0)))
@@ -95,7 +92,6 @@ def test_second_robot_is_not_published():
     assert len({round(x, 1) for x in poses}) == 1
 
 
-@fails_today(14, "state that comes with the data is dropped")
 def test_motors_off_is_said():
     said, _ = played(lambda k: [(0, numbered(k, motors=k < 300, rapid=k < 300))])
     assert any("motor" in reason for _, reason in said)

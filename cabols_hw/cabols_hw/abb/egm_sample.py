@@ -1,0 +1,90 @@
+"""Content of one EGM packet, in SI units, or why it cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from abb_robot_client._egm_protobuf import egm_pb2
+from google.protobuf.message import DecodeError
+
+from cabols_control.checks import FloatArray
+from cabols_hw.abb.stream_quality import Refusal
+
+AXES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class EgmSample:
+    """Content of one packet.
+
+    Attributes:
+        sequence: the controller's number of it.
+        robot_time_ns: the controller's clock.
+        joints: (6,) encoders [rad].
+        position: (3,) of the program's tool, robot base frame [m].
+        quaternion: (4,) x y z w, from tool to robot base axes, of length one.
+        motors_on: whether the motors are on.
+        rapid_running: whether a RAPID program runs.
+        received_s: time.monotonic() when it arrived at this computer.
+    """
+
+    sequence: int
+    robot_time_ns: int
+    joints: FloatArray
+    position: FloatArray
+    quaternion: FloatArray
+    motors_on: bool
+    rapid_running: bool
+    received_s: float
+
+
+def read_packet(raw: bytes, received_s: float) -> EgmSample | tuple[Refusal, str]:
+    """Read one packet.
+
+    Args:
+        raw: as it came.
+        received_s: when it arrived, by time.monotonic() [s].
+
+    Returns:
+        Its content, or why it cannot be used and what was seen.
+    """
+    message = egm_pb2.EgmRobot()
+    try:
+        message.ParseFromString(raw)
+    except DecodeError:
+        return Refusal.NOT_EGM, f"{len(raw)} bytes"
+    feedback = message.feedBack
+    joints = np.deg2rad(np.array(feedback.joints.joints, dtype=np.float64))
+    if joints.size != AXES:
+        if joints.size == 0 and not message.HasField("feedBack"):
+            return Refusal.NOT_EGM, f"{len(raw)} bytes"
+        return Refusal.JOINTS, f"{joints.size} joints"
+    if not (feedback.HasField("cartesian") and feedback.cartesian.HasField("orient")):
+        return Refusal.NO_POSE, f"{joints.size} joints alone"
+    pose = feedback.cartesian
+    position = 1e-3 * np.array([pose.pos.x, pose.pos.y, pose.pos.z])
+    turn = pose.orient
+    quaternion = np.array([turn.u1, turn.u2, turn.u3, turn.u0])
+    length = float(np.linalg.norm(quaternion))
+    finite = bool(np.isfinite(joints).all() and np.isfinite(position).all())
+    if not (finite and abs(length - 1.0) < 1e-3):
+        return Refusal.NOT_FINITE, f"a quaternion of length {length:.4g}"
+    clock = feedback.time
+    time_ns = int(clock.sec) * 1_000_000_000 + int(clock.usec) * 1000
+    if not feedback.HasField("time"):
+        time_ns = int(message.header.tm) * 1_000_000
+    motors, rapid = message.motorState, message.rapidExecState
+    return EgmSample(
+        sequence=int(message.header.seqno),
+        robot_time_ns=time_ns,
+        joints=joints,
+        position=position,
+        quaternion=quaternion / length,
+        # What a controller does not tell is not off.
+        motors_on=bool(motors.state == motors.MOTORS_ON or not message.HasField("motorState")),
+        rapid_running=bool(
+            rapid.state == rapid.RAPID_RUNNING or not message.HasField("rapidExecState")
+        ),
+        received_s=received_s,
+    )
