@@ -93,6 +93,7 @@ class PacketCounter:
     _sent_s: float = 0.0
     _received_s: float = 0.0
     _period_s: float = 0.0
+    _again: int = 0
     _odd: _Candidate | None = None
     _before: _Newest | None = field(default=None)
 
@@ -119,6 +120,7 @@ class PacketCounter:
         if -REORDERED <= ahead <= 0:
             self.duplicates += ahead == 0
             self.out_of_order += ahead < 0
+            self._again += 1
             if ahead < 0:
                 # It was counted as lost, unless it precedes the first packet or is a duplicate.
                 self.lost = max(self.lost - 1, 0)
@@ -139,7 +141,7 @@ class PacketCounter:
     def _go_on(self, sequence: int, ahead: int, sent_s: float, received_s: float) -> None:
         self.lost += ahead - 1
         self._follow_clock(ahead, sent_s, received_s)
-        self.newest = sequence
+        self.newest, self._again = sequence, 0
         offset = received_s - sent_s
         # The clocks' offset is unknown: the quickest packet so far counts as undelayed.
         self._offset += CLOCK_DRIFT * max(received_s - self._received_s, 0.0)
@@ -153,8 +155,9 @@ class PacketCounter:
         back = ahead * self._period_s - went
         if back > STEP_S or went < 0.0:
             waited = received_s - self._received_s - ahead * self._period_s
-            # After a pause it is another session, of which nothing is known yet.
-            self._offset = math.inf if waited > PAUSE_S else self._offset + back
+            # After a pause, or some numbers again, it is another session: nothing is known yet.
+            another = waited > PAUSE_S or self._again > 1
+            self._offset = math.inf if another else self._offset + back
             self.clock_steps += not abs(back - CLOCK_WRAP_S) < 1.0
         elif went - max(received_s - self._received_s, 0.0) > FORWARD_S:
             self.clock_steps += -back > FORWARD_S
