@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 from cabols_control.errors import OutOfRangeError, ShapeError
 from cabols_control.registration.reflectors import (
+    MisfitError,
     RegistrationError,
     in_base,
     register_frame,
@@ -299,3 +300,55 @@ def test_a_point_moves_into_the_base_with_its_covariance():
     moved, turned = in_base(POSITION, ROTATION, point, covariance)
     beam = (moved - POSITION) / 3.0
     assert np.sqrt(beam @ turned @ beam) == pytest.approx(5e-6 + 0.15e-6 * 3.0)
+
+
+def registered(positions, turns, seen, **options):
+    weights = np.array([covariances(points) for points in seen])
+    return register_frame(
+        positions, turns, REFLECTORS, seen, weights, pose_covariance=ROBOT, **options
+    )
+
+
+@pytest.mark.parametrize("solve", [False, True])
+@pytest.mark.parametrize("after", [3, 5, 6])
+@pytest.mark.parametrize("shift", [[1e-3, 0, 0], [0, -0.7e-3, 0.4e-3]])
+def test_tracker_that_was_bumped_is_refused_with_the_pose(random, shift, after, solve):
+    positions, turns = robot_poses(random)
+    seen = seen_by_tracker(positions, turns, REFLECTORS)
+    seen[after:] += shift
+    with pytest.raises(MisfitError, match=rf"moved by some .* mm after {after} of 8") as error:
+        registered(positions, turns, seen, solve_reflectors=solve)
+    assert error.value.estimate.probability < 1e-6
+    assert registered(positions, turns, seen, least_probability=0.0).residual_rms > 1e-4
+
+
+def test_turned_tracker_exchanged_reflectors_and_a_left_hand_are_refused(random):
+    positions, turns = robot_poses(random)
+    seen = seen_by_tracker(positions, turns, REFLECTORS)
+    bent = seen.copy()
+    bent[4:] = bent[4:] @ Rotation.from_rotvec([0.0, 0.0, 1e-3]).as_matrix()
+    exchanged = seen.copy()
+    exchanged[2] = exchanged[2][[1, 0, 2]]
+    for wrong in (bent, exchanged, seen * [1.0, 1.0, -1.0]):
+        with pytest.raises(MisfitError, match="expected points of one frame"):
+            registered(positions, turns, wrong)
+    assert registered(positions, turns, seen).mirror_visible
+
+
+def test_covariances_that_promise_too_much_are_refused(random):
+    positions, turns = robot_poses(random)
+    seen = seen_by_tracker(positions, turns, REFLECTORS)
+    seen = seen + 1e-4 * random.standard_normal(seen.shape)
+    with pytest.raises(MisfitError, match="correct covariances"):
+        registered(positions, turns, seen)
+
+
+def test_three_points_say_that_they_cannot_see_a_mirror():
+    fourth = np.vstack([REFLECTORS, [0.0, 0.0, -0.1]])
+    flat = np.vstack([REFLECTORS, REFLECTORS.mean(axis=0)])
+    for reflectors, visible in ((REFLECTORS, False), (fourth, True), (flat, False)):
+        points = POSITION + reflectors @ ROTATION.T
+        pose = register_pose(reflectors, points, covariances(points))
+        assert pose.mirror_visible == visible
+        mirrored = register_pose(reflectors, points * [1, 1, -1], covariances(points))
+        assert (mirrored.probability < 1e-6) == visible

@@ -23,13 +23,31 @@ from cabols_control.registration.rigid_fit import (
     gauss_newton,
     kabsch,
     require_spread,
+    sees_mirror,
+    step_in,
     turned,
     whitener,
 )
 from cabols_control.rotations import cross_matrix
 
-__all__ = ["FrameEstimate", "PoseEstimate", "RegistrationError", "in_base", "register_frame",
-           "register_pose"]  # fmt: skip
+__all__ = ["FrameEstimate", "MisfitError", "PoseEstimate", "RegistrationError", "in_base",
+           "register_frame", "register_pose"]  # fmt: skip
+
+LEAST_PROBABILITY = 1e-6
+"""Of a chi-square; below it, points and covariances do not belong to one frame."""
+
+
+class MisfitError(RegistrationError):
+    """The measurements do not fit one frame.
+
+    Attributes:
+        estimate: what fits them best, to be looked at, not to be used.
+    """
+
+    def __init__(self, message: str, estimate: FrameEstimate) -> None:
+        """Keep the estimate."""
+        super().__init__(message)
+        self.estimate = estimate
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +63,9 @@ class PoseEstimate:
         degrees_of_freedom: 3 n - 6.
         iterations: Gauss-Newton steps.
         converged: False if the limit of steps ended it; do not use such a pose.
+        mirror_visible: whether a mirrored set of points would show in the chi-square; three points
+            lie in one plane, and so does any set within 1 % of its size: a frame of the wrong
+            hand fits them as well as the right one.
     """
 
     position: FloatArray
@@ -55,6 +76,7 @@ class PoseEstimate:
     degrees_of_freedom: int
     iterations: int
     converged: bool
+    mirror_visible: bool = False
 
     @property
     def probability(self) -> float:
@@ -78,6 +100,7 @@ class FrameEstimate:
         degrees_of_freedom: measured coordinates minus unknowns.
         iterations: Gauss-Newton steps.
         converged: False if the limit of steps ended it; do not use such a frame.
+        mirror_visible: as of a PoseEstimate, for all measured points together.
     """
 
     position: FloatArray
@@ -90,6 +113,7 @@ class FrameEstimate:
     degrees_of_freedom: int
     iterations: int
     converged: bool
+    mirror_visible: bool = False
 
     @property
     def probability(self) -> float:
@@ -160,6 +184,7 @@ def register_pose(
         degrees_of_freedom=3 * count - 6,
         iterations=fit.iterations,
         converged=fit.converged,
+        mirror_visible=sees_mirror(points),
     )
 
 
@@ -173,6 +198,7 @@ def register_frame(
     valid: ArrayLike | None = None,
     pose_covariance: ArrayLike | None = None,
     solve_reflectors: bool = False,
+    least_probability: float = LEAST_PROBABILITY,
 ) -> FrameEstimate:
     """Tracker's frame in the robot's base from a set of the robot's poses.
 
@@ -188,6 +214,8 @@ def register_frame(
             pose to pose, such as its repeatability; None: exact.
         solve_reflectors: also find where the reflectors are. Needs poses turned about at least two
             axes.
+        least_probability: of the fit's chi-square; below it, the fit is refused. 0: the caller
+            looks at `probability` itself.
 
     Returns:
         The frame with its covariance and the residuals.
@@ -195,7 +223,8 @@ def register_frame(
     Raises:
         ShapeError: if an argument has another shape, is not finite, or a covariance is not
             symmetric and positive definite.
-        RegistrationError: if the data do not determine the unknowns.
+        RegistrationError: if the data do not determine the unknowns, or did not converge.
+        MisfitError: if the measurements do not fit one frame.
     """
     points = finite_array("reflectors", reflectors, (None, 3))
     origins = finite_array("positions", positions, (None, 3))
@@ -277,7 +306,7 @@ def register_frame(
     reflector_covariance = np.zeros((3 * count, 3 * count))
     if solve_reflectors:
         reflector_covariance = fit.covariance[6:, 6:]
-    return FrameEstimate(
+    estimate = FrameEstimate(
         position=position,
         rotation=rotation,
         covariance=fit.covariance[:6, :6],
@@ -288,7 +317,17 @@ def register_frame(
         degrees_of_freedom=3 * start.shape[0] - unknowns,
         iterations=fit.iterations,
         converged=fit.converged,
+        mirror_visible=sees_mirror(start),
     )
+    if not estimate.probability >= least_probability:
+        raise MisfitError(
+            f"measured: expected points of one frame, got a chi-square of {fit.chi_square:.3g} for "
+            f"{estimate.degrees_of_freedom} degrees of freedom (p = {estimate.probability:.1g}), "
+            f"{1e6 * estimate.residual_rms:.0f} um rms{step_in(estimate.residuals)}; measure "
+            "again, or correct covariances and reflectors",
+            estimate,
+        )
+    return estimate
 
 
 def in_base(

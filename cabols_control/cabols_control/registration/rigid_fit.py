@@ -91,6 +91,34 @@ def require_spread(name: str, points: FloatArray) -> None:
         )
 
 
+def sees_mirror(points: FloatArray) -> bool:
+    """Whether points (n, 3) [m] tell a body from its mirror image: whether they fill space."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(points.shape[0] > 3 and spread.min() > 0.01 * spread.max())
+
+
+def step_in(residuals: FloatArray) -> str:
+    """Say after which pose the residuals (k, n, 3) step, if they do: the tracker was moved."""
+    means = np.array([np.nanmean(pose, axis=0) for pose in residuals if np.isfinite(pose).any()])
+    found, largest, size = 0, 0.0, 0.0
+    for cut in range(2, len(means) - 1):
+        before, after = means[:cut], means[cut:]
+        step = after.mean(axis=0) - before.mean(axis=0)
+        left = np.sum((before - before.mean(axis=0)) ** 2) + np.sum(
+            (after - after.mean(axis=0)) ** 2
+        )
+        share = float(step @ step) * cut * (len(means) - cut) / len(means) / max(left, 1e-30)
+        if share > largest:
+            found, largest, size = cut, share, float(np.linalg.norm(step))
+    # The step explains more than what it leaves.
+    if largest <= 1.0:
+        return ""
+    return (
+        f", as if the tracker had been moved by some {1e3 * size:.2g} mm after {found} of "
+        f"{len(means)} poses"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Fit(Generic[State]):
     """Result of gauss_newton: state, covariance (p, p), chi_square, iterations, converged."""

@@ -84,6 +84,9 @@ def provenance(source: Source, found: Study) -> dict[str, object]:
         },
         "tracker": {
             "registered_from_configurations": frames.poses,
+            "fit_probability": (
+                float(frames.probability) if np.isfinite(frames.probability) else None
+            ),
             "position_m": [float(value) for value in frames.position],
             "rotation": [[float(value) for value in row] for row in frames.rotation],
             "reflectors_m": [[float(value) for value in row] for row in frames.reflectors],

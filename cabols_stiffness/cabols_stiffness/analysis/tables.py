@@ -66,6 +66,11 @@ def summary(study: Study) -> str:
             f"tracker registered from {frames.poses} configurations, references within "
             f"{1e6 * frames.residual:.0f} um of where the robot says"
         )
+        if not frames.fits:
+            lines.append(
+                f"the references do not fit one place of the tracker (p = {frames.probability:.1g})"
+                ": was it moved, or is the robot less accurate than it repeats?"
+            )
     else:
         lines.append("tracker's frame and reflectors: nominal")
     if study.choice is not None:

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.registration.reflectors import RegistrationError, register_frame
+from cabols_control.registration.reflectors import (
+    LEAST_PROBABILITY,
+    RegistrationError,
+    register_frame,
+)
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measurements.deflected_arm import loaded_posture
 from cabols_stiffness.measurements.measured_load import MeasuredLoad
@@ -34,6 +38,8 @@ class Frames:
         residual: root mean square distance of the references from the robot's poses [m]; NaN
             for nominal frames.
         poses: configurations that they were registered from; 0: nominal.
+        probability: of so large residuals, if robot and tracker are as good as they say; NaN for
+            nominal frames and before the robot's deflection is known.
     """
 
     position: FloatArray
@@ -41,6 +47,12 @@ class Frames:
     reflectors: FloatArray
     residual: float
     poses: int
+    probability: float = float("nan")
+
+    @property
+    def fits(self) -> bool:
+        """Whether the references belong to one place of the tracker, as far as it is known."""
+        return not self.probability < LEAST_PROBABILITY
 
 
 def robot_of(rig: MeasuringRig) -> RobotModel:
@@ -101,13 +113,23 @@ def frames_of(
             [[_spread(same) for same in row] for row in rows],
             pose_covariance=REPEATABILITY,
             solve_reflectors=True,
+            least_probability=0.0,
         )
     except RegistrationError:
         # Poses that are too similar give nothing better than the nominal values.
         return nominal
     if not found.converged:
         return nominal
-    return Frames(found.position, found.rotation, found.reflectors, found.residual_rms, len(poses))
+    # A robot is less accurate than it repeats: the frame is used all the same, and it is said.
+    probability = float("nan") if parameters is None else found.probability
+    return Frames(
+        position=found.position,
+        rotation=found.rotation,
+        reflectors=found.reflectors,
+        residual=found.residual_rms,
+        poses=len(poses),
+        probability=probability,
+    )
 
 
 def _spread(same: Sequence[MeasuredLoad]) -> FloatArray:

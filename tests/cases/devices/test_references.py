@@ -117,7 +117,6 @@ def test_frame_of_a_quiet_tracker_fits():
     assert found.probability > 0.01
 
 
-@fails_today(14, "p = 0 and converged; nobody looks at p")
 def test_frame_of_a_tracker_that_was_bumped_is_not_usable():
     found = register(0.5e-3)
     assert isinstance(found, Exception) or not found.converged
