@@ -24,6 +24,9 @@ STEPS = 30
 CONVERGED = 1e-6
 """Length of a step, in standard deviations, below which the fit has converged."""
 
+EXACT = 1e-8
+"""Length of a step, relative to the parameters, below which it has converged, too: exact data."""
+
 FREE = 1e-2
 """Singular values of the scaled, whitened columns below this are directions that the data leave
 unidentifiable: a hundred times the parameters' own size along them is one standard deviation."""
@@ -143,7 +146,7 @@ def fit(
     Raises:
         IdentificationError: if more samples than TOO_MANY do not fit the others.
     """
-    k, m = len(observations.samples), observations.size
+    k, m = len(observations.samples), observations.numbers
     everything = np.ones(k, dtype=np.bool_)
     begin = everything if use is None else use
     found = _gauss_newton(observations, model, start, begin)
@@ -151,7 +154,7 @@ def fit(
         return found
 
     def huber(distances: FloatArray) -> FloatArray:
-        typical = np.sqrt(max(_robust_scale(distances, m), 1e-12) * m)
+        typical = np.sqrt(max(_robust_scale(distances, m), 1e-12) * np.maximum(m, 1))
         ratio = np.sqrt(np.maximum(distances, 1e-300)) / (HUBER * typical)
         return np.asarray(1.0 / np.maximum(ratio, 1.0))
 
@@ -169,13 +172,14 @@ def fit(
     return found
 
 
-def _inliers(distances: FloatArray, m: int) -> BoolArray:
-    limit = chi2.ppf((1.0 - FALSE_ALARM) ** (1.0 / distances.size), m)
+def _inliers(distances: FloatArray, m: IntArray) -> BoolArray:
+    limit = chi2.ppf((1.0 - FALSE_ALARM) ** (1.0 / distances.size), np.maximum(m, 1))
     return np.asarray(distances <= limit * max(_robust_scale(distances, m), 1.0))
 
 
-def _robust_scale(distances: FloatArray, m: int) -> float:
-    return float(np.median(distances) / chi2.ppf(0.5, m))
+def _robust_scale(distances: FloatArray, m: IntArray) -> float:
+    seen = m > 0
+    return float(np.median(distances[seen] / chi2.ppf(0.5, m[seen]))) if seen.any() else 1.0
 
 
 def _gauss_newton(
@@ -210,7 +214,8 @@ def _gauss_newton(
         steps += 1
         if weigh is not None:
             weights = weigh(distances)
-        converged = bool(np.linalg.norm(step) <= CONVERGED) and _close(before, parameters)
+        short = bool(np.linalg.norm(step) <= CONVERGED or np.linalg.norm(moved) <= EXACT)
+        converged = short and _close(before, parameters)
     inverse = right.T / np.maximum(singular, FREE)
     covariance = np.zeros((scale.size, scale.size))
     covariance[np.ix_(chosen, chosen)] = inverse @ inverse.T
@@ -222,7 +227,7 @@ def _gauss_newton(
     return Fitted(
         parameters, scale, covariance, unidentifiable, use,
         float(target @ target),
-        int(target.size) - rows.shared - int(known.sum()),
+        int(observations.numbers[used].sum()) - rows.shared - int(known.sum()),
         distances, line.balance.deflection, line, columns, chosen < 2 * JOINTS, steps, converged,
     )  # fmt: skip
 

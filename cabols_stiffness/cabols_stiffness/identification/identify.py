@@ -23,6 +23,8 @@ from scipy.stats import t as student
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError
+from cabols_stiffness.identification.adequacy.judge import judge
+from cabols_stiffness.identification.adequacy.normal import RandomEffects
 from cabols_stiffness.identification.gauss_newton import (
     Fitted,
     IdentificationError,
@@ -37,6 +39,7 @@ from cabols_stiffness.identification.observations import (
     start_stiffness,
 )
 from cabols_stiffness.measurements.samples import PointSamples, Samples
+from cabols_stiffness.measurements.usable import usable_rows
 from cabols_stiffness.model.result import AS_PUBLISHED, LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.model.robot import JOINTS, RobotModel
 
@@ -61,6 +64,7 @@ def identify(
     start: StiffnessResult | None = None,
     robust: bool = True,
     hysteresis: bool = True,
+    judged: bool = True,
 ) -> StiffnessResult:
     """Joint stiffness with its uncertainty from measured motions under measured wrenches.
 
@@ -74,17 +78,27 @@ def identify(
         hysteresis: whether to look for friction where there is an unloading branch; what is found
             is estimated with the stiffness, so that it does not bend the elastic curve. Never
             "as_published", which ignores it.
+        judged: whether to judge the model; False saves time, and leaves out the random effects.
 
     Returns:
-        The result; NaN for what the data cannot identify.
+        The result; NaN for what the data cannot identify. Its `verdict` says whether the model
+        explains the data, and where configurations differ, intervals and covariances hold that.
 
     Raises:
         CabolsError: if the model is unknown.
         IdentificationError: if there are too few samples or too many outliers.
     """
-    return estimate(
-        Observations(samples, robot), model, start=start, robust=robust, hysteresis=hysteresis
-    )[2]
+    usable = usable_rows(samples)
+    observations = Observations(usable.samples, robot)
+    found, estimated, result = estimate(
+        observations, model, start=start, robust=robust, hysteresis=hysteresis
+    )
+    if model != AS_PUBLISHED and judged:
+        opinion = judge(observations, found, estimated)
+        verdict = replace(opinion.verdict, missing=usable.missing, repeated=usable.repeated)
+        result = summarise(found, model, result.friction_reach, opinion.between)
+        result = replace(result, verdict=verdict)
+    return replace(result, samples=len(samples), outliers=usable.rows[result.outliers])
 
 
 def estimate(
@@ -107,7 +121,7 @@ def estimate(
     if model not in MODELS:
         raise CabolsError(f"model: expected one of {', '.join(MODELS)}, got {model!r}")
     samples = observations.samples
-    _check_count(samples, model)
+    _check_count(observations, model)
     begin = _start(observations, model, start)
     nothing = np.zeros(JOINTS, dtype=np.bool_)
     estimated = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
@@ -150,15 +164,17 @@ def _with_friction(
     return found, model, travel
 
 
-def _check_count(samples: PointSamples | Samples, model: str) -> None:
-    k = len(samples)
+def _check_count(observations: Observations, model: str) -> None:
+    samples, k = observations.samples, len(observations.samples)
+    numbers = int(observations.numbers.sum())
+    axes = int(observations.numbers.max(initial=0))
     unknowns = JOINTS if model == LINEAR else 2 * JOINTS
     if isinstance(samples, PointSamples):
         sizes = np.unique(samples.group, return_counts=True)[1]
-        numbers, unknowns = 3 * k, unknowns + int(np.where(sizes >= DRIFT_SAMPLES, 6, 3).sum())
+        unknowns += int(np.where(sizes >= DRIFT_SAMPLES, 2 * axes, axes).sum())
         what = f"{sizes.size} groups' offsets and drifts and the joints"
     else:
-        numbers, what = 6 * k, "the joints"
+        what = "the joints"
     if not numbers > unknowns:
         raise IdentificationError(
             f"samples: expected more than {unknowns} measured numbers for as many unknowns "
@@ -166,12 +182,29 @@ def _check_count(samples: PointSamples | Samples, model: str) -> None:
         )
 
 
-def summarise(found: Fitted, model: str, travel: FloatArray) -> StiffnessResult:
-    """Summarise a fit: stiffness and cubic terms, covariances, intervals, identifiability."""
+def summarise(
+    found: Fitted, model: str, travel: FloatArray, between: RandomEffects | None = None
+) -> StiffnessResult:
+    """Summarise a fit: stiffness and cubic terms, covariances, intervals, identifiability.
+
+    Args:
+        found: the fit.
+        model: linear, cubic or as_published.
+        travel: (n,) reach of the joints' friction [rad].
+        between: how configurations that differ are pooled; None: they do not differ.
+    """
     freedom = max(found.freedom, 1)
     variance = found.chi_square / freedom
-    parameters, width = found.parameters, float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom))
-    relative = np.sqrt(variance * np.diagonal(found.covariance))
+    parameters, width = found.parameters, student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)
+    normalised, scatter = variance * found.covariance, np.zeros(JOINTS)
+    if between is not None:
+        estimated = np.flatnonzero(np.diagonal(found.covariance) > 0.0)
+        normalised = normalised.copy()
+        normalised[np.ix_(estimated, estimated)] = between.covariance
+        change = np.clip(between.change[:JOINTS], -0.8, 4.0)
+        parameters = replace(parameters, compliance=parameters.compliance * (1.0 + change))
+        width, scatter = student.ppf(0.5 + 0.5 * CONFIDENCE, between.freedom), between.scatter
+    relative = np.sqrt(np.diagonal(normalised))
     with_cubic = model != LINEAR
     identifiable = ~found.unidentifiable[:JOINTS] & (relative[:JOINTS] <= WORST_RELATIVE)
     cubic_known = ~found.unidentifiable[JOINTS : 2 * JOINTS] & (
@@ -182,8 +215,9 @@ def summarise(found: Fitted, model: str, travel: FloatArray) -> StiffnessResult:
     stiffness = 1.0 / parameters.compliance
     # From (c, a) in units of `scale` to (b, a): db = -b^2 dc, and the scale of c is c itself.
     to_physical = np.concatenate([-stiffness, found.scale[JOINTS : 2 * JOINTS]])
-    covariance = found.covariance[: 2 * JOINTS, : 2 * JOINTS]
-    physical = variance * covariance * np.outer(to_physical, to_physical)
+    physical = normalised[: 2 * JOINTS, : 2 * JOINTS] * np.outer(to_physical, to_physical)
+    # A prediction is about one configuration: it has the scatter between them beside the mean's.
+    own = np.diag(np.concatenate([scatter * stiffness, np.zeros(JOINTS)]) ** 2)
     known = np.concatenate([identifiable, cubic_known])
     shown = np.where(np.outer(known, known), physical, np.nan)
 
@@ -192,7 +226,7 @@ def summarise(found: Fitted, model: str, travel: FloatArray) -> StiffnessResult:
     interval = np.where(identifiable[:, None], stiffness[:, None] * ends, np.nan)
     cubic_interval = None
     if with_cubic:
-        half = width * np.sqrt(np.diagonal(physical)[JOINTS:])
+        half = np.max(width) * np.sqrt(np.diagonal(physical)[JOINTS:])
         around = parameters.cubic[:, None] + half[:, None] * np.array([-1.0, 1.0])
         cubic_interval = np.where(cubic_known[:, None], around, np.nan)
     return StiffnessResult(
@@ -211,7 +245,7 @@ def summarise(found: Fitted, model: str, travel: FloatArray) -> StiffnessResult:
         iterations=found.iterations,
         converged=found.converged,
         parameters=np.concatenate([stiffness, parameters.cubic]),
-        parameter_covariance=physical,
+        parameter_covariance=physical + own,
         joint_range=_range(found.deflection, found.use),
         friction=np.where(travel > 0.0, parameters.friction, 0.0),
         friction_deviation=relative[2 * JOINTS :] * found.scale[2 * JOINTS :],

@@ -86,8 +86,9 @@ def identify_loads(
         parameters = None if result is None else result.parameters
         frames = frames_of(loads, rig, robot, parameters)
         samples = corrected(loads, frames, rig, robot, parameters)
-        before, result = parameters, identify(samples, robot, model, start=result)
+        before = parameters
+        result = identify(samples, robot, model, start=result, judged=False)
         if before is not None and np.allclose(result.parameters, before, rtol=SETTLED, atol=0.0):
             break
     assert result is not None
-    return LoadsResult(result, frames, samples)
+    return LoadsResult(identify(samples, robot, model, start=result), frames, samples)

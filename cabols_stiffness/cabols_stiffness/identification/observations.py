@@ -14,14 +14,74 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.model.balance import Balance, Law, balance
 from cabols_stiffness.model.robot import JOINTS, RobotModel
 from cabols_stiffness.model.screws import logarithm, point_motion
 
+SILENT = 10.0
+"""Standard deviations beyond this multiple of the largest motion in the data say nothing of it."""
+
+SAME = 1e-9
+"""Relative singular value below which columns of offsets and drifts are one."""
+
 DRIFT_SAMPLES = 6
 """Least number of samples of a group for which a drift is estimated beside its offset."""
+
+
+@dataclass(frozen=True, eq=False)
+class Partial:
+    """Directions that were measured, where not all were.
+
+    Attributes:
+        basis: (k, m, m) rows are the directions, in numbers of unit size.
+        seen: (k, m) which of them were measured.
+    """
+
+    basis: FloatArray
+    seen: BoolArray
+
+
+def partial_of(samples: PointSamples | Samples) -> Partial | None:
+    """Directions that were measured; None if all numbers of all samples were.
+
+    A number that is NaN was not measured. Nor was a direction whose stated deviation is far beyond
+    any motion in the data: it is how a dial gauge along an oblique axis is stated. Such numbers
+    are no degrees of freedom: they say nothing of the stiffness, nor of the noise.
+
+    Args:
+        samples: of one campaign.
+    """
+    if isinstance(samples, PointSamples):
+        value, noise = samples.position, samples.position_covariance
+        middle = [_middle(value[samples.group == group]) for group in np.unique(samples.group)]
+        _, group = np.unique(samples.group, return_inverse=True)
+        moved = value - np.array(middle).reshape(-1, 3)[group.ravel()]
+    else:
+        value, noise = samples.deflection, samples.deflection_covariance
+        moved = value
+    if value.size == 0:
+        return None
+    missing = np.isnan(value)
+    size = np.abs(np.where(missing, 0.0, moved)).reshape(len(samples), -1, 3).max(axis=(0, 2))
+    unit = np.repeat(np.where(size > 0.0, size, 1e-9), 3)
+    scaled = noise / np.outer(unit, unit)
+    if not missing.any() and not (np.einsum("kii->ki", scaled) > SILENT**2).any():
+        return None
+    apart = missing[:, :, None] | missing[:, None, :]
+    scaled = np.where(apart, 0.0, scaled)
+    diagonal = np.arange(unit.size)
+    scaled[:, diagonal, diagonal] += np.where(missing, 2.0 * SILENT**2, 0.0)
+    variance, directions = np.linalg.eigh(scaled)
+    seen = variance <= SILENT**2
+    return Partial(directions.swapaxes(1, 2) / unit, seen)
+
+
+def _middle(value: FloatArray) -> FloatArray:
+    """(m,) medians over (k, m), of what was measured."""
+    known = [column[np.isfinite(column)] for column in value.T]
+    return np.array([np.median(column) if column.size else 0.0 for column in known])
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +93,14 @@ class Linearised:
         motion: (k, m, 6) derivatives of the prediction by the joints' deflections.
         covariance: (k, m, m) of the residual: of the measurement, and of the wrench through it.
         balance: of the loaded arm.
+        partial: which numbers were measured; None: all.
     """
 
     residual: FloatArray
     motion: FloatArray
     covariance: FloatArray
     balance: Balance
+    partial: Partial | None = None
 
 
 class Observations:
@@ -51,6 +113,14 @@ class Observations:
         self.follows = isinstance(samples, PointSamples)
         self._unloaded = robot.posture(samples.joints)
         self._before: FloatArray | None = None
+        self.partial = partial_of(samples)
+
+    @property
+    def numbers(self) -> IntArray:
+        """(k,) numbers that were measured in each sample."""
+        if self.partial is None:
+            return np.full(len(self.samples), self.size)
+        return np.asarray(self.partial.seen.sum(axis=1))
 
     @property
     def size(self) -> int:
@@ -72,7 +142,9 @@ class Observations:
             residual, noise = samples.deflection - predicted, samples.deflection_covariance
         through = motion @ found.by_wrench
         covariance = noise + through @ samples.wrench_covariance @ through.swapaxes(1, 2)
-        return Linearised(residual, motion, covariance, found)
+        if self.partial is not None:
+            residual = np.nan_to_num(residual)
+        return Linearised(residual, motion, covariance, found, self.partial)
 
     def forget(self) -> None:
         """Begin the next balance from the undeflected arm."""
@@ -141,18 +213,33 @@ def whiten(
         The rows; their least-squares solution, without those of weight 0, is that of the whole
         problem, offsets and drifts included.
     """
-    white = np.linalg.inv(np.linalg.cholesky(linearised.covariance))
+    white = _whitening(linearised)
     white = white * np.sqrt(np.where(weights > 0.0, weights, 1.0))[:, None, None]
     residual = np.einsum("kij,kj->ki", white, linearised.residual)
     rows = np.concatenate([residual[..., None], white @ columns], axis=2)
     shared = 0
     if isinstance(samples, PointSamples):
-        shared = _take_out(rows, white, samples, weights > 0.0)
+        whole = linearised.partial is None
+        shared = _take_out(rows, white, samples, weights > 0.0, whole)
     first, others = np.split(rows, [1], axis=2)
     return Whitened(first.squeeze(axis=2), others, shared)
 
 
-def _take_out(rows: FloatArray, white: FloatArray, samples: PointSamples, use: BoolArray) -> int:
+def _whitening(linearised: Linearised) -> FloatArray:
+    """(k, m, m) to unit variance; rows of zeros in place of directions that were not measured."""
+    partial, covariance = linearised.partial, linearised.covariance
+    if partial is None:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+    both = partial.seen[:, :, None] & partial.seen[:, None, :]
+    inside = partial.basis @ covariance @ partial.basis.swapaxes(1, 2)
+    inside = np.where(both, inside, np.eye(partial.seen.shape[1]))
+    white = np.linalg.inv(np.linalg.cholesky(inside))
+    return np.asarray(np.where(both, white, 0.0) @ partial.basis)
+
+
+def _take_out(
+    rows: FloatArray, white: FloatArray, samples: PointSamples, use: BoolArray, whole: bool
+) -> int:
     """Fit rows (k, m, 1 + p) in use by their groups' offsets and drifts, subtract; count those."""
     count = 0
     order = np.argsort(samples.group, kind="stable")
@@ -168,8 +255,14 @@ def _take_out(rows: FloatArray, white: FloatArray, samples: PointSamples, use: B
             drift = shared * (time / spread)[:, None, None]
             shared = np.concatenate([shared, drift], axis=2)
         size, part = shared.shape[2], rows[members]
-        basis, triangle = np.linalg.qr(shared[used].reshape(-1, size))
-        common = np.linalg.solve(triangle, basis.T @ part[used].reshape(-1, part.shape[2]))
+        matrix, target = shared[used].reshape(-1, size), part[used].reshape(-1, part.shape[2])
+        if whole:
+            basis, triangle = np.linalg.qr(matrix)
+            common = np.linalg.solve(triangle, basis.T @ target)
+        else:
+            scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+            common, _, rank, _ = np.linalg.lstsq(matrix / scale, target, rcond=SAME)
+            common, size = common / scale[:, None], int(rank)
         rows[members] = part - shared @ common
         count += size
     return count

@@ -57,6 +57,7 @@ class PointSamples:
         wrench_covariance: (k, 6, 6) of its mean over the measurement, tool axes.
         offset: (k, 3) of the reflector from the tool's origin, tool axes [m].
         position: (k, 3) of the reflector, robot's base axes [m]; its constant part is not used.
+            NaN: this number was not measured.
         position_covariance: (k, 3, 3) in base axes [m^2].
     """
 
@@ -83,8 +84,9 @@ class PointSamples:
         for name in ("configuration", "load", "branch", "reflector", "group"):
             _freeze(self, name, _integers(name, getattr(self, name), k))
         _check_branch(self.branch)
-        for name, shape in (("time", ()), ("offset", (3,)), ("position", (3,))):
+        for name, shape in (("time", ()), ("offset", (3,))):
             _freeze(self, name, finite_array(name, getattr(self, name), (k, *shape)))
+        _freeze(self, "position", _measured("position", self.position, (k, 3)))
         _check_common(self, k)
         position = covariances("position_covariance", self.position_covariance, k, 3, True)
         _freeze(self, "position_covariance", position)
@@ -107,7 +109,8 @@ class Samples:
             force [N], torque [N m].
         wrench_covariance: (k, 6, 6) in base axes.
         deflection: (k, 6) of the tool against the robot under `reference_wrench`, base axes: of
-            its origin [m], then the rotation vector that turns the undeflected tool [rad].
+            its origin [m], then the rotation vector that turns the undeflected tool [rad]. NaN:
+            this number was not measured.
         deflection_covariance: (k, 6, 6) in base axes.
         reference_wrench: (k, 6) at which the deflection counts as zero; None: zeros, and stored so.
     """
@@ -133,7 +136,7 @@ class Samples:
             _freeze(self, name, _integers(name, getattr(self, name), k))
         _check_branch(self.branch)
         _check_common(self, k)
-        _freeze(self, "deflection", finite_array("deflection", self.deflection, (k, 6)))
+        _freeze(self, "deflection", _measured("deflection", self.deflection, (k, 6)))
         deflection = covariances("deflection_covariance", self.deflection_covariance, k, 6, True)
         _freeze(self, "deflection_covariance", deflection)
         reference = np.zeros((k, 6)) if self.reference_wrench is None else self.reference_wrench
@@ -204,6 +207,14 @@ def covariances(name: str, value: ArrayLike, k: int, size: int, definite: bool) 
             f"{array[worst].tolist()}"
         )
     return array
+
+
+def _measured(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Check value as finite_array does, but take NaN for what was not measured."""
+    array = np.asarray(value, dtype=np.float64)
+    missing = np.isnan(array)
+    checked = finite_array(name, np.where(missing, 0.0, array), shape)
+    return np.where(missing, np.nan, checked)
 
 
 def _check_joints(samples: PointSamples | Samples) -> int:

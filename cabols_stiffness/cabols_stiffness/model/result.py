@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_stiffness.model.verdict import Verdict
 
 LINEAR, CUBIC, AS_PUBLISHED = "linear", "cubic", "as_published"
 MODELS = (LINEAR, CUBIC, AS_PUBLISHED)
@@ -39,6 +40,7 @@ class StiffnessResult:
             curve, where hysteresis was detected, else 0 [N m].
         friction_deviation: (6,) its standard deviation, 0 where none was detected [N m].
         friction_reach: (6,) motion over which the friction is drawn, likewise [rad].
+        verdict: on the model and the data; None: not judged, as in results of older files.
     """
 
     model: str
@@ -61,6 +63,12 @@ class StiffnessResult:
     friction: FloatArray
     friction_deviation: FloatArray
     friction_reach: FloatArray
+    verdict: Verdict | None = None
+
+    @property
+    def adequate(self) -> bool:
+        """Whether it converged and nothing grave was found; without a verdict, only the former."""
+        return self.converged and (self.verdict is None or self.verdict.adequate)
 
     @property
     def hysteretic(self) -> BoolArray:

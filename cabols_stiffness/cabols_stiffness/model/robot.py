@@ -39,6 +39,11 @@ class Posture:
     arms: FloatArray
 
     @property
+    def rates(self) -> FloatArray:
+        """(k, 6, 3) angular velocity of the tool by each joint."""
+        return self.axes
+
+    @property
     def jacobian(self) -> FloatArray:
         """(k, 6, 6) from joint rates to the tool's origin's velocity, then angular velocity."""
         return np.concatenate([_cross(self.axes, self.arms), self.axes], axis=-1).swapaxes(-1, -2)

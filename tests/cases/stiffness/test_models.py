@@ -100,7 +100,6 @@ def one_group_shifted(s):
     return replace(s, group=np.zeros(len(s), int), position=position)
 
 
-@fails_today(16, "numbers with narrow intervals, or not identifiable, without a diagnosis")
 @pytest.mark.parametrize(
     "change",
     [
@@ -119,14 +118,12 @@ def test_wrong_data_are_flagged(good, change):
     assert flagged(identified(good, change))
 
 
-@fails_today(16, "7 to 42 % off at a stated 0.6 to 7 %")
 @pytest.mark.parametrize("off_m", [0.01, 0.05])
 def test_wrong_tool_point_is_flagged(good, off_m):
     found = identified(good, robot=load_robot(tool_position=[0.0, 0.0, 0.15 + off_m]))
     assert flagged(found) or honest(found)
 
 
-@fails_today(16, "rms 37 of the stated noise, converged")
 def test_noise_that_is_stated_too_small_is_flagged(good):
     found = identified(good, stated_m=1e-7)
     assert flagged(found) or honest(found)
@@ -181,17 +178,25 @@ def with_backlash(chain):
     return settle
 
 
-@fails_today(16, "up to 250 % off in narrow intervals, converged")
+UNSEEN = fails_today(16, "mean of the six configurations is right; these data show no variation")
+
+
 @pytest.mark.parametrize(
     "mechanism",
-    [parallelogram, coupled_wrist, soft_bearings, soft_base, balanced, with_backlash],
+    [
+        parallelogram,
+        coupled_wrist,
+        soft_bearings,
+        soft_base,
+        pytest.param(balanced, marks=UNSEEN),
+        with_backlash,
+    ],
 )
 def test_robot_beyond_the_model_is_flagged_or_covered(chain, campaign, mechanism):
     found = identified(arm.truth(*campaign, mechanism(chain)))
     assert flagged(found) or honest(found)
 
 
-@fails_today(16, "drift within a pass: joint 6 beyond three deviations")
 def test_creep_within_a_pass_is_flagged_or_covered(good):
     creep = np.zeros_like(good["position"])
     for group in np.unique(good["group"]):

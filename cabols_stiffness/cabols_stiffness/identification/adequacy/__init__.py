@@ -1,0 +1,1 @@
+"""Judgement of a fit: does the model explain the data, and what is wrong if it does not."""

@@ -1,0 +1,224 @@
+"""Verdict on a fit: chi-square, Cochran's Q, and a score test of each suspect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as fisher
+
+from cabols_control.checks import FloatArray, IntArray
+from cabols_stiffness.identification.adequacy.normal import (
+    Blocks,
+    RandomEffects,
+    blocks,
+    heterogeneity,
+    leave_one_out,
+    random_effects,
+)
+from cabols_stiffness.identification.adequacy.suspects import suspects
+from cabols_stiffness.identification.adequacy.texts import text_of
+from cabols_stiffness.identification.gauss_newton import Fitted, Model
+from cabols_stiffness.identification.observations import Observations, whiten
+from cabols_stiffness.model.verdict import Finding, Grade, Suspect, Verdict
+
+FALSE_ALARM = 5e-4
+"""Chance of each test to name a suspect that is not there."""
+
+CERTAIN = 1e-4
+"""Likewise of chi-square and of Cochran's Q."""
+
+TOO_LARGE = 1.25
+"""Root mean square of the normalised residuals beyond which noise that is stated too small no
+longer explains a certain misfit."""
+
+FAR_TOO_LARGE = 3.0
+"""Beyond this one a wrong sign, unit, frame or order is looked for."""
+
+MATTERS = 0.005
+"""Relative change of a joint's stiffness below which a suspect does no harm."""
+
+LEAST_EXPLAINED = 0.5
+"""Share of the motion's sum of squares below which the data contradict the model."""
+
+PLAUSIBLE = (1e3, 5e7)
+"""Least and largest median stiffness of a robot's joints that turn [N m/rad]: from a light arm's
+gears to those of a robot for a tonne."""
+
+INDEPENDENT = 1e-4
+"""Relative singular value below which a suspect's columns are those of the joints."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A verdict, and how configurations that differ are pooled; None where they do not."""
+
+    verdict: Verdict
+    between: RandomEffects | None
+
+
+def judge(observations: Observations, found: Fitted, model: Model) -> Judged:
+    """Judge a fit.
+
+    Args:
+        observations: of the robot.
+        found: the fit of them.
+        model: of that fit.
+    """
+    n, p = found.deflection.shape[1], found.columns.shape[2]
+    tried = suspects(observations, found, model.cubic)
+    columns = np.concatenate([found.columns, *tried.values()], axis=2)
+    rows = whiten(found.line, columns, observations.samples, found.use.astype(np.float64))
+    use = found.use
+    base, residual = rows.columns[use][:, :, :p], rows.residual[use]
+    numbers: FloatArray = observations.numbers[use].astype(np.float64) - rows.shared / max(
+        int(use.sum()), 1
+    )
+    configuration = observations.samples.configuration[use]
+    parts = blocks(base, residual, numbers, configuration)
+    differ = heterogeneity(parts)
+    freedom = max(found.freedom, 1)
+    chance = float(chi2.sf(found.chi_square, freedom))
+    scattered = differ.probability < CERTAIN and len(parts.configuration) > 2
+    named = _named(rows.columns[use], residual, p, tried, parts, configuration, scattered, found)
+    between = random_effects(parts, n) if scattered else None
+    findings = [*named, *_magnitude(found)]
+    inside = parts.variance if scattered else found.chi_square / freedom
+    inside_freedom = parts.within_freedom if scattered else freedom
+    unlikely = float(chi2.sf(inside * inside_freedom, inside_freedom)) < CERTAIN
+    rms = float(np.sqrt(inside))
+    if unlikely:
+        grave = rms > TOO_LARGE and not any(one.grave for one in named)
+        text = text_of(Suspect.NOISE, rms)
+        findings.append(Finding(Suspect.NOISE, text, 0.0, chance, 0.0, grave))
+    if between is not None:
+        text = text_of(Suspect.CONFIGURATIONS, float(between.scatter.max()))
+        share = differ.q / max(found.chi_square, 1e-300)
+        findings.append(
+            Finding(
+                Suspect.CONFIGURATIONS,
+                text,
+                share,
+                differ.probability,
+                float(np.abs(between.change[:n]).max()),
+                False,
+            )
+        )
+    findings.sort(key=lambda one: (not one.grave, one.probability, -one.improvement))
+    explained, by_axis, share_of_joint = _explained(base, residual, found, n)
+    grade = Grade.SCATTERED if between is not None else Grade.GOOD
+    if any(one.grave for one in findings):
+        hopeless = not explained > LEAST_EXPLAINED
+        grade = Grade.HOPELESS if hopeless else Grade.DOUBTFUL
+        between = None
+    return Judged(
+        Verdict(
+            grade=grade,
+            chi_square=found.chi_square,
+            degrees_of_freedom=found.freedom,
+            probability=chance,
+            explained=explained,
+            explained_by_axis=by_axis,
+            share_of_joint=share_of_joint,
+            cochran_q=differ.q,
+            cochran_freedom=differ.freedom,
+            cochran_probability=differ.probability,
+            scatter=np.zeros(n) if between is None else between.scatter,
+            leave_one_out=leave_one_out(parts, n),
+            findings=tuple(findings),
+        ),
+        between,
+    )
+
+
+def _named(
+    columns: FloatArray,
+    residual: FloatArray,
+    p: int,
+    tried: dict[Suspect, FloatArray],
+    parts: Blocks,
+    configuration: IntArray,
+    scattered: bool,
+    found: Fitted,
+) -> list[Finding]:
+    """Score tests; where configurations differ, each keeps parameters of its own beside them."""
+    target = residual.ravel()
+    base = columns[:, :, :p].reshape(target.size, p)
+    beside, freedom = base, max(found.freedom, 1)
+    if scattered:
+        own = [base * np.repeat(configuration == c, residual.shape[1])[:, None]
+               for c in parts.configuration]  # fmt: skip
+        beside, freedom = np.hstack(own), max(parts.within_freedom, 1)
+    length = np.linalg.norm(beside, axis=0)
+    beside = beside[:, length > 0.0] / length[length > 0.0]
+    left, singular, _ = np.linalg.svd(beside, full_matrices=False)
+    basis = left[:, singular > 1e-6 * singular[0]] if singular.size else left
+    rest = target - basis @ (basis.T @ target)
+    squares, deviation = float(rest @ rest), _deviation(base)
+    results, at = [], p
+    for suspect, own_columns in tried.items():
+        width = own_columns.shape[2]
+        matrix = columns[:, :, at : at + width].reshape(target.size, width)
+        at += width
+        length = np.linalg.norm(matrix, axis=0)
+        matrix = matrix[:, length > 0.0] / length[length > 0.0]
+        across = matrix - basis @ (basis.T @ matrix)
+        directions, sizes, _ = np.linalg.svd(across, full_matrices=False)
+        directions = directions[:, sizes > INDEPENDENT]
+        count = directions.shape[1]
+        if count == 0 or freedom - count < 1:
+            continue
+        gain = float(np.sum((directions.T @ rest) ** 2))
+        ratio = gain / count / max((squares - gain) / (freedom - count), 1e-300)
+        chance = float(fisher.sf(ratio, count, freedom - count))
+        if not chance < FALSE_ALARM:
+            continue
+        scale = np.maximum(np.linalg.norm(base, axis=0), 1e-300)
+        both = np.hstack([base / scale, matrix])
+        change = np.linalg.lstsq(both, target, rcond=INDEPENDENT)[0][:p] / scale
+        elastic = found.elastic
+        shift = np.abs(change[elastic])
+        grave = bool(((shift > MATTERS) & (shift > deviation[elastic])).any())
+        share = gain / max(found.chi_square, 1e-300)
+        text = text_of(suspect, float(shift.max()))
+        results.append(Finding(suspect, text, share, chance, float(shift.max()), grave))
+    return results
+
+
+def _deviation(base: FloatArray) -> FloatArray:
+    """(p,) standard deviation of the parameters for noise of unit size, relative."""
+    inverse = np.linalg.pinv(base.T @ base, rcond=1e-12, hermitian=True)
+    return np.asarray(np.sqrt(np.maximum(np.diag(inverse), 0.0)))
+
+
+def _explained(
+    base: FloatArray, residual: FloatArray, found: Fitted, n: int
+) -> tuple[float, FloatArray, FloatArray]:
+    """Share of the motion that the model explains: in all, by axis, and each joint's part."""
+    by_joint = base[:, :, :n]
+    model = by_joint.sum(axis=2)
+    total = float(np.sum((model + residual) ** 2))
+    explained = 1.0 - float(np.sum(residual**2)) / max(total, 1e-300)
+    root = np.linalg.cholesky(found.line.covariance)[found.use]
+    scale = np.sqrt(np.einsum("kii->ki", found.line.covariance))[found.use]
+    left = np.einsum("kij,kj->ki", root, residual) / scale
+    moved = np.einsum("kij,kj->ki", root, model) / scale
+    by_axis = 1.0 - np.sum(left**2, axis=0) / np.maximum(
+        np.sum((left + moved) ** 2, axis=0), 1e-300
+    )
+    share = np.einsum("kmj,km->j", by_joint, model) / max(float(np.sum(model**2)), 1e-300)
+    return explained, np.asarray(by_axis), np.asarray(share)
+
+
+def _magnitude(found: Fitted) -> list[Finding]:
+    stiffness = 1.0 / found.parameters.compliance
+    known = ~found.unidentifiable[: stiffness.size]
+    if not known.any():
+        return []
+    middle = float(np.median(stiffness[known]))
+    least, largest = PLAUSIBLE
+    if least <= middle <= largest:
+        return []
+    text = text_of(Suspect.MAGNITUDE, middle)
+    return [Finding(Suspect.MAGNITUDE, text, 0.0, 0.0, 0.0, True)]

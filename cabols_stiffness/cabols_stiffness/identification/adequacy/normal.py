@@ -1,0 +1,174 @@
+"""Normal equations of a fit, configuration by configuration; Cochran's Q and random effects.
+
+All parameters are relative to their scale, so that a change of 0.01 of a compliance is one per
+cent. Sources: Cochran, Biometrics 10 (1954) 101, here for several joints at once; DerSimonian and
+Laird, Controlled Clinical Trials 7 (1986) 177; restricted maximum likelihood by expectation
+maximisation, Laird and Ware, Biometrics 38 (1982) 963.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from cabols_control.checks import FloatArray, IntArray
+
+NONE = 1e-9
+"""Relative eigenvalue below which a configuration says nothing along a direction."""
+
+ROUNDS = 2000
+SETTLED = 1e-5
+"""Relative change of the scatter that ends the rounds."""
+
+START = 0.05
+"""Scatter to begin with, relative."""
+
+LEAST = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Normal equations of c configurations in p parameters, for noise of unit size.
+
+    Attributes:
+        configuration: (c,) their numbers.
+        matrix: (c, p, p).
+        target: (c, p); the sum is about zero, at the fit.
+        variance: of the residuals within configurations, in units of the stated noise.
+        within_freedom: degrees of freedom of it.
+    """
+
+    configuration: IntArray
+    matrix: FloatArray
+    target: FloatArray
+    variance: float
+    within_freedom: int
+
+
+@dataclass(frozen=True)
+class Heterogeneity:
+    """Cochran's Q.
+
+    Attributes:
+        q: weighted squares of the configurations' own parameters about the pooled ones.
+        freedom: degrees of freedom.
+        probability: of so large a Q if the configurations do not differ.
+    """
+
+    q: float
+    freedom: int
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
+class RandomEffects:
+    """Pooled parameters where each configuration has its own.
+
+    Attributes:
+        change: (p,) of the pooled parameters, relative.
+        covariance: (p, p) of them, relative.
+        scatter: (n,) standard deviation between configurations, of the joints' compliance.
+        freedom: (n,) degrees of freedom of each joint's interval.
+    """
+
+    change: FloatArray
+    covariance: FloatArray
+    scatter: FloatArray
+    freedom: FloatArray
+
+
+def blocks(
+    columns: FloatArray, residual: FloatArray, numbers: FloatArray, configuration: IntArray
+) -> Blocks:
+    """Sum up whitened rows by configuration.
+
+    Args:
+        columns: (k, m, p) whitened, offsets and drifts taken out.
+        residual: (k, m) likewise.
+        numbers: degrees of freedom of each sample, (k,): measured, less its share of offsets.
+        configuration: (k,) of each sample.
+    """
+    found = np.unique(configuration)
+    p = columns.shape[2]
+    matrix, target = np.empty((found.size, p, p)), np.empty((found.size, p))
+    own, rank = 0.0, 0
+    for i, each in enumerate(found):
+        here = configuration == each
+        rows = columns[here].reshape(-1, p)
+        matrix[i], target[i] = rows.T @ rows, rows.T @ residual[here].ravel()
+        explained, one = _own(matrix[i], target[i])
+        own, rank = own + explained, rank + one
+    freedom = round(float(numbers.sum())) - rank
+    left = float(np.sum(residual**2)) - own
+    return Blocks(found, matrix, target, left / max(freedom, 1), freedom)
+
+
+def heterogeneity(found: Blocks) -> Heterogeneity:
+    """Test whether configurations differ, against the residuals within them."""
+    q, rank = 0.0, 0
+    for matrix, target in zip(found.matrix, found.target, strict=True):
+        explained, one = _own(matrix, target)
+        q, rank = q + explained, rank + one
+    total, pooled = found.matrix.sum(axis=0), found.target.sum(axis=0)
+    explained, one = _own(total, pooled)
+    q, freedom = q - explained, rank - one
+    if freedom < 1 or found.within_freedom < 1:
+        return Heterogeneity(q, max(freedom, 0), 1.0)
+    ratio = q / freedom / max(found.variance, 1e-300)
+    return Heterogeneity(q, freedom, float(fisher.sf(ratio, freedom, found.within_freedom)))
+
+
+def leave_one_out(found: Blocks, joints: int) -> FloatArray:
+    """(c, n) relative change of each joint's stiffness without each configuration.
+
+    Args:
+        found: of all.
+        joints: number n; their compliances are the first parameters.
+    """
+    total, target = found.matrix.sum(axis=0), found.target.sum(axis=0)
+    changes = [
+        -np.linalg.pinv(total - matrix, rcond=NONE, hermitian=True) @ (target - one)
+        for matrix, one in zip(found.matrix, found.target, strict=True)
+    ]
+    return np.array(changes)[:, :joints]
+
+
+def random_effects(found: Blocks, joints: int) -> RandomEffects:
+    """Pool configurations whose compliances scatter normally about their mean.
+
+    Args:
+        found: two or more configurations.
+        joints: number n; their compliances are the first parameters.
+    """
+    precision, score = found.matrix / found.variance, found.target / found.variance
+    c, tau = len(found.configuration), np.full(joints, START**2)
+    beside, across = precision[:, :, :joints], precision[:, :joints, :]
+    own = precision[:, :joints, :joints]
+    for _ in range(ROUNDS):
+        inner = np.linalg.inv(own + np.diag(1.0 / tau))
+        weight = precision - beside @ inner @ across
+        pull = score - np.einsum("cij,cjk,ck->ci", beside, inner, score[:, :joints])
+        covariance = np.linalg.pinv(weight.sum(axis=0), rcond=NONE, hermitian=True)
+        change = covariance @ pull.sum(axis=0)
+        effect = np.einsum("cij,cj->ci", inner, score[:, :joints] - across @ change)
+        lead = inner @ across
+        spread = inner + lead @ covariance @ lead.swapaxes(1, 2)
+        before, tau = tau, np.mean(effect**2 + np.einsum("cjj->cj", spread), axis=0)
+        tau = np.maximum(tau, LEAST**2)
+        if (np.abs(tau - before) <= SETTLED * tau + LEAST**2).all():
+            break
+    fixed = np.diag(np.linalg.pinv(precision.sum(axis=0), rcond=NONE, hermitian=True))[:joints]
+    total = np.diag(covariance)[:joints]
+    share = np.clip(1.0 - fixed / np.maximum(total, 1e-300), 0.0, 1.0)
+    freedom = 1.0 / (share**2 / (c - 1) + (1.0 - share) ** 2 / max(found.within_freedom, 1))
+    return RandomEffects(change, covariance, np.sqrt(tau), freedom)
+
+
+def _own(matrix: FloatArray, target: FloatArray) -> tuple[float, int]:
+    """Sum of squares that a configuration's own parameters explain, and how many it determines."""
+    values, vectors = np.linalg.eigh(matrix)
+    known = values > NONE * max(float(values[-1]), 1e-300)
+    along = vectors.T[known] @ target
+    return float(np.sum(along**2 / values[known])), int(known.sum())

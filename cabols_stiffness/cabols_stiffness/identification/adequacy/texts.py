@@ -1,0 +1,40 @@
+"""What people read of a finding."""
+
+from __future__ import annotations
+
+from cabols_stiffness.model.verdict import Suspect
+
+TEXTS = {
+    Suspect.NOISE: "residuals are {:.2f} times the stated noise, and no known cause explains it; "
+    "state the noise as it is, or look for an effect that the model leaves out",
+    Suspect.CONFIGURATIONS: "stiffness differs between configurations by up to {percent:.1f} % "
+    "(standard deviation); pooled intervals and predictions hold this scatter",
+    Suspect.TOOL_POINT: "the tool point seems to be elsewhere than stated",
+    Suspect.WRENCH_POINT: "the wrench seems to be measured about another point than the tool's",
+    Suspect.BASE_FRAME: "the tracker's frame seems to be turned against the robot's base",
+    Suspect.WRENCH_FRAME: "the wrench's axes seem to be turned against those stated",
+    Suspect.WRENCH_GAIN: "the sensor's axes seem to have different gains",
+    Suspect.COUPLING: "joints deflect under each other's torque (a parallelogram, a coupled wrist)",
+    Suspect.BASE: "the robot's base gives way",
+    Suspect.BEARINGS: "bearings or links give way across the joints' axes",
+    Suspect.CUBIC: "joints stiffen or soften with their torque; try the cubic model",
+    Suspect.PLAY: "joints have play or friction",
+    Suspect.VARYING: "stiffness varies with the joint's own angle (a balancer)",
+    Suspect.CREEP: "the reflector creeps within each pass (temperature, a base that settles)",
+    Suspect.MAGNITUDE: "the joints' median stiffness is {:.3g} N m/rad, which no robot has; check "
+    "the units of force, torque and position",
+}
+HARM = "; taken into account, it changes a joint's stiffness by {percent:.1f} %"
+
+
+def text_of(suspect: Suspect, value: float) -> str:
+    """Sentence about a suspect.
+
+    Args:
+        suspect: what.
+        value: the number that its sentence holds; relative change of stiffness for most.
+    """
+    text = TEXTS[suspect]
+    if "{" not in text:
+        text += HARM
+    return text.format(value, percent=100.0 * value)
