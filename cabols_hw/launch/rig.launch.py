@@ -12,7 +12,7 @@ from launch import Action, LaunchContext, LaunchDescription
 
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
-    values = argument_values(context)
+    values = argument_values(context, "rig")
     graph = rig_graph(values["record"], values["campaign"], values["console"])
     return launch_nodes(graph, values)
 

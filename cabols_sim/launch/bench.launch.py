@@ -12,7 +12,7 @@ from launch import Action, LaunchContext, LaunchDescription
 
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
-    values = argument_values(context)
+    values = argument_values(context, "bench")
     graph = bench_graph(
         values["lockstep"],
         values["record"],

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
-import yaml
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
-from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from cabols_control.bringup.argument_text import others, read_arguments
 from cabols_control.bringup.graph import all_arguments, with_arguments
 from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
 
@@ -25,15 +25,20 @@ def arguments(kind: str) -> list[Any]:
     ]
 
 
-def argument_values(context: Any) -> dict[str, Any]:
-    """Return the arguments' values, typed as their defaults."""
-    found = {}
-    for argument in all_arguments():
-        if argument.name in context.launch_configurations:
-            text = LaunchConfiguration(argument.name).perform(context)
-            is_text = isinstance(argument.default, str)
-            found[argument.name] = text if is_text else yaml.safe_load(text.lower())
-    return found
+def argument_values(context: Any, kind: str) -> dict[str, Any]:
+    """Return the arguments' values, typed as their defaults.
+
+    Args:
+        context: of the launch.
+        kind: of graph, "bench" or "rig".
+
+    Raises:
+        ConfigError: naming every argument that cannot be used, or is none; nothing has started.
+    """
+    texts = dict(context.launch_configurations)
+    mine = [argument for argument in all_arguments() if kind in argument.kinds]
+    values = read_arguments(mine, texts, others(list(texts), context.argv, sys.argv))
+    return {**{argument.name: argument.default for argument in all_arguments()}, **values}
 
 
 def launch_nodes(graph: Sequence[NodeSpec], values: dict[str, Any]) -> list[Any]:

@@ -1,0 +1,156 @@
+"""Launch arguments as a person types them: converted and looked up before a node starts."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cabols_control.bringup.specs import Argument
+from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.geometry import MIN_CABLES
+from cabols_control.load_programs.programs import BUILT_IN, load_program
+from cabols_control.rig_folder import find_rig
+from cabols_control.tension import check_method
+
+TRUTH = {"true": True, "false": False}
+WHOLE = re.compile(r"[+-]?\d+")
+PATHS = ("output", "campaigns", "uploads", "campaign_folder")
+"""Folders that are made where they are not there; files end in `_file`."""
+LAUNCH_FILES = ("bench.launch.py", "rig.launch.py")
+WRITTEN = ("bias_file",)
+"""Files that a run may make."""
+
+
+def read_arguments(
+    arguments: Sequence[Argument], texts: Mapping[str, str], known: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Read all arguments of a launch.
+
+    Args:
+        arguments: that there are.
+        texts: as given, by name; what is missing has its default.
+        known: further names that are somebody else's.
+
+    Returns:
+        Values by name, typed as the defaults; paths without `~`.
+
+    Raises:
+        ConfigError: naming every argument that cannot be used or is not known, a line each.
+    """
+    names = [argument.name for argument in arguments]
+    wrong = [_unknown(name, names) for name in texts if name not in (*names, *known)]
+    values: dict[str, Any] = {}
+    for argument in arguments:
+        with _refusals_into(wrong):
+            text = texts.get(argument.name)
+            value = argument.default if text is None else read_argument(argument, text)
+            values[argument.name] = value
+            _look_up(argument.name, value)
+    if wrong:
+        raise ConfigError("; ".join(wrong) if len(wrong) == 1 else "\n  ".join(["", *wrong]))
+    return values
+
+
+@contextmanager
+def _refusals_into(wrong: list[str]) -> Iterator[None]:
+    """Collect what is refused inside."""
+    try:
+        yield
+    except CabolsError as error:
+        wrong.append(str(error))
+
+
+def others(
+    configurations: Sequence[str], typed: Sequence[str], command: Sequence[str]
+) -> list[str]:
+    """Names in a launch that are not for us to judge: of a launch file that includes ours.
+
+    Args:
+        configurations: names of all launch configurations.
+        typed: words of the form name:=text that the launch was given.
+        command: words of the command line of this process.
+    """
+    files = [Path(word).name for word in command if word.endswith(".launch.py")]
+    if files and not set(files) & set(LAUNCH_FILES):
+        return list(configurations)
+    names = {word.partition(":=")[0] for word in typed}
+    return [name for name in configurations if name not in names]
+
+
+def read_argument(argument: Argument, text: str) -> Any:
+    """Read one argument's text as the type of its default.
+
+    Raises:
+        ConfigError: if it is no such value or out of the bounds.
+    """
+    words = text.strip()
+    if isinstance(argument.default, bool):
+        if words.lower() not in TRUTH:
+            raise ConfigError(f"{argument.name}: expected true or false, got {text!r}")
+        return TRUTH[words.lower()]
+    if isinstance(argument.default, int):
+        if not WHOLE.fullmatch(words):
+            raise ConfigError(
+                f"{argument.name}: expected {_range(argument, 'a whole number')}, got {text!r}"
+            )
+        return argument.checked(int(words))
+    if isinstance(argument.default, float):
+        try:
+            number = float(words)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise ConfigError(
+                f"{argument.name}: expected {_range(argument, 'a number')}, got {text!r}"
+            )
+        return argument.checked(number)
+    return _expanded(argument.name, words)
+
+
+def _range(argument: Argument, what: str) -> str:
+    if argument.bounds is None:
+        return what
+    unit = f" {argument.unit}" if argument.unit else ""
+    return f"{what} from {argument.bounds[0]:g} to {argument.bounds[1]:g}{unit}"
+
+
+def _expanded(name: str, text: str) -> str:
+    """Replace `~` in what names a file or folder."""
+    names_path = name.endswith("_file") or name in (*PATHS, "rig", "program")
+    if not (names_path and text.startswith("~")):
+        return text
+    try:
+        return str(Path(text).expanduser())
+    except RuntimeError as error:
+        raise ConfigError(f"{name}: expected a path, got {text!r} ({error})") from error
+
+
+def _unknown(name: str, names: Sequence[str]) -> str:
+    close = difflib.get_close_matches(name, names, 1)
+    hint = f"did you mean {close[0]}?" if close else "--show-args lists those that there are"
+    return f"{name}: there is no such argument; {hint}"
+
+
+def _look_up(name: str, value: Any) -> None:
+    """Find what a value names, while an answer can still be given at once."""
+    if not value or not isinstance(value, str):
+        return
+    if name.endswith("_file") and name not in WRITTEN and not Path(value).is_file():
+        raise ConfigError(f"{name}: expected a file, found none at {value}")
+    if name in LOOKED_UP:
+        try:
+            LOOKED_UP[name](value)
+        except CabolsError as error:
+            raise ConfigError(f"{name}:={value}: {error}") from error
+
+
+LOOKED_UP: dict[str, Callable[[str], Any]] = {
+    "rig": find_rig,
+    "program": lambda text: text in BUILT_IN or load_program(text),
+    "tension_method": lambda text: check_method(MIN_CABLES, text),
+}
