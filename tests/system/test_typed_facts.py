@@ -30,7 +30,7 @@ ALLOWED = {
     # Words of a command line.
     "cabols_control/bringup/argument_text.py read_argument": "value of a launch argument",
     "cabols_control/bringup/argument_text.py _expanded": "a path of a launch argument",
-    "cabols_control/bringup/argument_text.py <lambda>": "name of a programme",
+    "cabols_control/bringup/argument_text.py _find_program": "name of a programme",
     "cabols_control/command_line.py _rig": "value of the option --rig",
     "cabols_control/rig_folder.py find_rig": "name or folder of a rig",
     # A text is shown again only if it has changed; what it says is not looked at.

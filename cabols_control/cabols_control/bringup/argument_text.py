@@ -149,8 +149,13 @@ def _look_up(name: str, value: Any) -> None:
             raise ConfigError(f"{name}:={value}: {error}") from error
 
 
+def _find_program(text: str) -> None:
+    if text not in BUILT_IN:
+        load_program(text)
+
+
 LOOKED_UP: dict[str, Callable[[str], Any]] = {
     "rig": find_rig,
-    "program": lambda text: text in BUILT_IN or load_program(text),
+    "program": _find_program,
     "tension_method": lambda text: check_method(MIN_CABLES, text),
 }

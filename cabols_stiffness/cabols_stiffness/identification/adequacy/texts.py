@@ -24,6 +24,8 @@ TEXTS = {
     Suspect.MAGNITUDE: "the joints' median stiffness is {:.3g} N m/rad, which no robot has; check "
     "the units of force, torque and position",
 }
+WITH_A_NUMBER = frozenset({Suspect.NOISE, Suspect.CONFIGURATIONS, Suspect.MAGNITUDE})
+"""Those whose text holds the number itself; the others' is a change of stiffness."""
 HARM = "; taken into account, it changes a joint's stiffness by {percent:.1f} %"
 
 
@@ -34,7 +36,5 @@ def text_of(suspect: Suspect, value: float) -> str:
         suspect: what.
         value: the number that its sentence holds; relative change of stiffness for most.
     """
-    text = TEXTS[suspect]
-    if "{" not in text:
-        text += HARM
+    text = TEXTS[suspect] if suspect in WITH_A_NUMBER else TEXTS[suspect] + HARM
     return text.format(value, percent=100.0 * value)
