@@ -15,6 +15,7 @@ from cabols_control.naming import reflector_name
 from cabols_hw.tracker import tracker_pb2 as pb
 from cabols_hw.tracker.beam import predicted_covariance
 from cabols_hw.tracker.config import TrackerConfig, load_tracker_config
+from cabols_hw.tracker.plausibility import AskedFor, measure_fault, time_fault
 from cabols_hw.tracker.reading import TrackerReading, failed, fault_of
 from cabols_hw.tracker.tracker_pb2_grpc import LaserTrackerStub
 
@@ -66,6 +67,7 @@ class TrackerClient:
         self.config = config if config is not None else load_tracker_config()
         self.address = address if address is not None else self.config.address
         self._expected = expected
+        self._before_ns = 0
         self._channel = grpc.insecure_channel(self.address, options=_OPTIONS)
         self._stub = LaserTrackerStub(self._channel)
 
@@ -161,6 +163,10 @@ class TrackerClient:
         if not reply.success:
             return failed(_why(reply))
         covariance = _matrix(reply.covariance_m2) if reply.HasField("covariance_m2") else None
+        fault = measure_fault(reply, covariance, _vector(reply.position_m), self.config)
+        fault = fault or self._not_now(reply, seconds)
+        if fault:
+            return failed(f"implausible: {fault}")
         return self._reading(
             _vector(reply.position_m),
             covariance,
@@ -169,6 +175,24 @@ class TrackerClient:
             float(reply.averaging_time_s),
             reply,
         )
+
+    def _not_now(self, reply: Any, seconds: float) -> str:
+        """Why a measurement is none of now, with a beam; the tracker's state tells, if it can."""
+        clock_ns = 0
+        try:
+            status = self.status()
+        except TrackerError as error:
+            if error.code != "UNIMPLEMENTED":
+                raise
+        else:
+            if not status.beam_locked:
+                why = status.message or "no reason given"
+                return f"success, but the beam is lost ({why}): aim again, then measure again"
+            clock_ns = int(status.time_ns)
+        asked = AskedFor(seconds, clock_ns, self._before_ns)
+        fault = time_fault(reply, asked, self.config.time_stretch)
+        self._before_ns = int(reply.time_ns)
+        return fault
 
     def _where(self, reflector: int, expected: ArrayLike | None) -> FloatArray:
         self.config.point(reflector)

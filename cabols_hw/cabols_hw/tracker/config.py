@@ -36,6 +36,8 @@ class TrackerConfig:
         search_radius: around the expected position [m]; a reflector found farther away from it is
             refused as another one, so it is less than half the distance between two reflectors.
         noise: for the covariance, where the tracker's server reports none.
+        rms_max: of the samples of one measurement around their mean [m]; more is a platform that
+            moves, or a server that reports in other units.
         averaging_floor: share of the noise's standard deviation that averaging does not remove.
         call_timeout: limit of a call that does not move the beam [s].
         aim_timeout: limit of pointing the beam [s].
@@ -54,6 +56,7 @@ class TrackerConfig:
     rate: float = 0.0
     search_radius: float = 0.03
     noise: BeamNoise = field(default_factory=BeamNoise)
+    rms_max: float = 5e-4
     averaging_floor: float = 0.3
     call_timeout: float = 2.0
     aim_timeout: float = 10.0
@@ -76,6 +79,7 @@ class TrackerConfig:
         in_range("search_radius", self.search_radius, 1e-3, 0.499 * nearest)
         in_range("averaging_time", self.averaging_time, 1e-3, 600.0)
         in_range("rate", self.rate, 0.0, 1e5)
+        in_range("rms_max", self.rms_max, 1e-6, 0.1)
         in_range("averaging_floor", self.averaging_floor, 0.0, 1.0)
         for name in ("call_timeout", "aim_timeout", "search_timeout", "measure_timeout"):
             in_range(name, getattr(self, name), 0.05, 600.0)

@@ -72,7 +72,6 @@ def test_covariance_that_fits_its_rms_is_taken(measure):
     assert measure((1e-12,) * 3).success
 
 
-@fails_today(14, "taken as it comes")
 @pytest.mark.parametrize(
     "variance",
     [(1e-6,) * 3, (1e-6, 2e-6, 2e-6), (1e-30,) * 3],
@@ -122,7 +121,6 @@ def test_frame_of_a_tracker_that_was_bumped_is_not_usable():
     assert isinstance(found, Exception) or not found.converged
 
 
-@fails_today(13, "success, and the wrench reads zero")
 def test_tare_under_load_is_refused(card, rig):
     """UniversalRobots/Universal_Robots_ROS_Driver#512, #670: 45 N in each cable, 100 N on all."""
     bridge = Bridge(rig, card)
