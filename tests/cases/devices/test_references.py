@@ -21,7 +21,7 @@ from cabols_hw.tracker.tracker_pb2_grpc import (
     LaserTrackerServicer,
     add_LaserTrackerServicer_to_server,
 )
-from cases import fails_today, outcome
+from cases import outcome
 
 POINT = np.array([2.6, 0.02, -0.3])
 BIAS = np.array([0.1, -0.2, 0.3, 0.0, 0.05, -0.1])
