@@ -77,6 +77,7 @@ RECORDER = NodeSpec(
         *OF_EVERY_LOOP,
         "cpu",
         "record_at_start",
+        "free_space",
         "output",
         "description",
     ),
@@ -88,6 +89,7 @@ CONSOLE = NodeSpec(
     ("mode", "loop_status"),
     ("operator_heartbeat", "loop_status"),
     role=Role.CONSOLE,
+    restarts=True,
     takes=(
         *OF_EVERY_NODE,
         "other_cpu",
@@ -138,6 +140,13 @@ ARGUMENTS = (
     Argument("other_cpu", -1, "core for the other nodes; -1: any", parameter="cpu"),
     Argument("record", True, "record a bag"),
     Argument("record_at_start", True, "false: the recorder waits for its service"),
+    Argument(
+        "free_space",
+        0.5,
+        "space on the disk without which nothing is recorded; below it a test is ended in order",
+        bounds=(0.0, 1e6),
+        unit="GB",
+    ),
     Argument("console", False, "serve the operator's page on this machine"),
     Argument(
         "console_port",

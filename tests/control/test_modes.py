@@ -176,6 +176,51 @@ def test_automatic_sequence():
     assert seen == [STOPPED, PRETIGHTENING, LOADING]
 
 
+def loading():
+    core = supervised(report_timeout_s=100.0)
+    hear(core, 0.0, READY)
+    assert core.request(PRETIGHTENING, 0.0).allowed
+    hear(core, 0.1, READY)
+    assert core.request(LOADING, 0.1).allowed
+    hear(core, 0.2, READY, np.full(8, 50.0))
+    return core
+
+
+@pytest.mark.parametrize("name", [FaultName.ENDING, FaultName.RECORDING])
+def test_node_that_must_end_is_unloaded_first(name):
+    core = loading()
+    core.hear_notice("recorder", Fault(name, "the disk is full"))
+    assert core.mode == UNLOADING
+    assert "recorder: the disk is full" in core.reason
+    hear(core, 0.3, READY, np.full(8, 5.0))
+    assert core.mode == STOPPED
+    refused = core.request(PRETIGHTENING, 0.3)
+    assert not refused.allowed
+    assert "the disk is full" in refused.reason
+    core.hear_notice("recorder", None)
+    assert core.request(PRETIGHTENING, 0.3).allowed
+
+
+def test_recorder_that_falls_silent_ends_a_test_in_order():
+    core = loading()
+    report(core, "recorder", 0.2, True)
+    hear(core, 5.0, READY, np.full(8, 50.0))
+    core.check_silence(5.1)
+    assert core.mode == LOADING
+    hear(core, 5.3, READY, np.full(8, 50.0))
+    core.check_silence(5.3)
+    assert core.mode == UNLOADING
+
+
+def test_recorder_that_was_switched_off_ends_nothing():
+    core = loading()
+    report(core, "recorder", 0.2, True)
+    report(core, "recorder", 0.3, False)
+    hear(core, 20.0, READY, np.full(8, 50.0))
+    core.check_silence(20.0)
+    assert core.mode == LOADING
+
+
 def test_no_load_without_the_sensors_bias():
     core = supervised(report_timeout_s=100.0)
     hear(core, 0.0, READY)

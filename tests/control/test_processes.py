@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import time
+from dataclasses import replace
+
 import pytest
 
+from cabols_control.bringup import processes
 from cabols_control.bringup.processes import run
 from cabols_control.bringup.specs import NodeSpec
 
@@ -29,6 +35,59 @@ def test_run_that_takes_longer_than_its_limit_is_ended(node):
     assert ended.overdue
     assert ended.first == ""
     assert ended.codes["endless"] != 0
+
+
+COUNTED = 'echo x >> "$0.count"; [ $(wc -l < "$0.count") -gt {crashes} ] && exec sleep 600; exit 7'
+
+
+def starts(spec, folder):
+    return (folder / "lib" / "toys" / f"{spec.executable}.count").read_text().count("x")
+
+
+def test_node_that_may_restart_ends_nothing(node, tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "RESTART_S", 0.01)
+    page = replace(node("page", COUNTED.format(crashes=2)), restarts=True)
+    ended = run([page, node("other", "exec sleep 600")], on_line=print, limit_s=1.0)
+    assert ended.overdue
+    assert starts(page, tmp_path) == 3
+
+
+def test_node_that_ends_again_and_again_is_given_up(node, tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "RESTART_S", 0.01)
+    page = replace(node("page", COUNTED.format(crashes=1000)), restarts=True)
+    ended = run([page, node("other", "exec sleep 600")], on_line=print, limit_s=1.0)
+    assert ended.overdue
+    assert starts(page, tmp_path) == 1 + processes.RESTARTS
+
+
+def test_wrong_command_line_of_a_node_that_may_restart_ends_all(node):
+    page = replace(node("page", "exit 2"), restarts=True)
+    ended = run([page, node("other", "exec sleep 600")], on_line=print, limit_s=60.0)
+    assert (ended.first, ended.code) == ("page", 2)
+
+
+def test_killed_launcher_asks_its_nodes_to_end(node, tmp_path):
+    """By SIGTERM, which a node under load may answer later; SIGKILL would leave the load."""
+    script = (
+        'trap "echo asked > $0.asked; exit 0" TERM; echo $$ > $0.pid; while :; do sleep 0.05; done'
+    )
+    spec = node("loaded", script)
+    folder = tmp_path / "lib" / "toys"
+    launcher = os.fork()
+    if launcher == 0:
+        run([spec], on_line=lambda *_: None)
+        os._exit(0)
+    wait_for(folder / "loaded.pid")
+    os.kill(launcher, signal.SIGKILL)
+    os.waitpid(launcher, 0)
+    wait_for(folder / "loaded.asked")
+
+
+def wait_for(path):
+    give_up = time.monotonic() + 30.0
+    while not path.exists():
+        assert time.monotonic() < give_up, f"waited in vain for {path}"
+        time.sleep(0.01)
 
 
 def test_run_that_ends_by_itself_is_not_overdue(node):

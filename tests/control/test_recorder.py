@@ -22,6 +22,7 @@ from cabols_control.bags.compare import payload_digest
 from cabols_control.bags.reader import read_bag
 from cabols_control.bags.recover import recover
 from cabols_control.geometry import load_geometry
+from cabols_control.nodes.recorder import lack_of_space
 from cabols_control.realtime.scheduling import may_use_fifo
 from cabols_control.ros import topics
 from cabols_control.ros.qos import control_qos, latched_qos, status_qos
@@ -293,6 +294,13 @@ def test_a_full_disk_ends_the_recorder_with_a_clear_word(rig, record, tmp_path):
     assert process.returncode == 1
     assert re.search(r"error: .*expected to write the bag, got File too large; .*recover", errors)
     assert recover(tmp_path / "bag").messages > 0
+
+
+def test_no_bag_is_begun_without_space(tmp_path):
+    assert lack_of_space(tmp_path / "not" / "yet", 1e-6) == ""
+    lack = lack_of_space(tmp_path / "not" / "yet", 1e9)
+    assert "free_space" in lack
+    assert "not/yet" in lack
 
 
 def test_the_recorder_refuses_an_existing_bag_and_unknown_topics(record, tmp_path):

@@ -284,6 +284,24 @@ def test_emergency_stop_cuts_unloading_short(loaded):
     assert loaded.plant.enabled
 
 
+def test_bridge_that_is_to_end_unloads_by_itself(loaded):
+    """As "ending": nobody else unloads, and the controllers command on."""
+    loaded.guard.ending = True
+    loaded.run(1.0)
+    assert loaded.guard.fault.name == "ending"
+    assert not loaded.guard.unloading.active
+    assert loaded.plant.tension.max() < 10.0
+    assert not loaded.plant.current.any()
+
+
+def test_bridge_at_rest_may_end_without_a_fault(loaded):
+    loaded.mode = OperatingMode.STOPPED
+    loaded.run(0.5)
+    loaded.guard.ending = True
+    loaded.run(0.1)
+    assert loaded.guard.fault is None
+
+
 def test_fault_stays_until_stopped(loaded):
     loaded.plant.inject("pose_silent", duration_s=0.15)
     loaded.run(0.5)

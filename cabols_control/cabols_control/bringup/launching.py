@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +14,8 @@ from launch_ros.actions import Node
 
 from cabols_control.bringup.argument_text import others, read_arguments
 from cabols_control.bringup.graph import all_arguments, with_arguments
-from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
+from cabols_control.bringup.processes import GRACE_S, RESTART_S
+from cabols_control.bringup.specs import LAUNCHER, ONE_BLAS_THREAD, NodeSpec
 
 
 def arguments(kind: str) -> list[Any]:
@@ -42,8 +44,10 @@ def argument_values(context: Any, kind: str) -> dict[str, Any]:
 
 
 def launch_nodes(graph: Sequence[NodeSpec], values: dict[str, Any]) -> list[Any]:
-    """Return launch actions for the nodes; when one ends, all end."""
+    """Return launch actions for the nodes; when one ends that may not restart, all end."""
     actions: list[Any] = []
+    # Nodes under load unload before they obey: SIGTERM and SIGKILL leave them the time for it.
+    grace = str(2.0 * GRACE_S)
     for spec in with_arguments(graph, values):
         node = Node(
             package=spec.package,
@@ -51,8 +55,15 @@ def launch_nodes(graph: Sequence[NodeSpec], values: dict[str, Any]) -> list[Any]
             arguments=spec.option_list(),
             parameters=[spec.parameters] if spec.parameters else [],
             output="screen",
-            additional_env=ONE_BLAS_THREAD,
+            additional_env={**ONE_BLAS_THREAD, LAUNCHER: str(os.getpid())},
+            respawn=spec.restarts,
+            respawn_delay=RESTART_S,
+            sigterm_timeout=grace,
+            sigkill_timeout=grace,
         )
+        if spec.restarts:
+            actions.append(node)
+            continue
         end = EmitEvent(event=Shutdown(reason=f"{spec.executable} ended"))
         actions += [
             node,

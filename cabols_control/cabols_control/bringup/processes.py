@@ -1,7 +1,8 @@
 """A small process supervisor, for computers without `ros2 launch`.
 
 Starts the nodes in order, prefixes their output, ends all when one ends, in reverse order: SIGINT,
-after a grace SIGTERM, then SIGKILL. If it is killed itself, the kernel ends its children.
+after a grace SIGTERM, then SIGKILL. Nodes under load unload before they obey. One that may restart
+ends nothing. If this process is killed itself, the kernel sends its children SIGTERM.
 """
 
 from __future__ import annotations
@@ -14,13 +15,21 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from cabols_control.bringup.specs import NodeSpec
+from cabols_control.bringup.specs import LAUNCHER, NodeSpec
+from cabols_control.command_line import USAGE
 from cabols_control.errors import CabolsError
 
 PR_SET_PDEATHSIG = 1
 GRACE_S = 3.0
+"""From SIGINT to SIGTERM, and on to SIGKILL [s]; together more than a node may take to unload."""
+RESTART_S = 1.0
+RESTART_NICENESS = 15
+RESTARTS = 5
+"""Most new starts of one node that ends again and again."""
 _LIBC = ctypes.CDLL(None)
 
 
@@ -80,6 +89,7 @@ def run(
     keep_going: bool = False,
     respawn_s: float | None = None,
     limit_s: float | None = None,
+    grace_s: float = GRACE_S,
 ) -> Ended:
     """Run nodes until the first ends or the user interrupts, then end all.
 
@@ -93,13 +103,14 @@ def run(
         keep_going: run on when a node ends, until the user interrupts.
         respawn_s: time from a node's end to its new start; implies keep_going [s].
         limit_s: longest time from the first start; then all are ended. None: no limit [s].
+        grace_s: from SIGINT to SIGTERM, and on to SIGKILL [s].
 
     Returns:
         How it ended.
     """
     output = (on_line or _print_line, log_folder)
     return asyncio.run(
-        _run(nodes, environment or {}, *output, on_start, keep_going, respawn_s, limit_s)
+        _run(nodes, environment or {}, *output, on_start, keep_going, respawn_s, limit_s, grace_s)
     )
 
 
@@ -107,8 +118,10 @@ def _print_line(name: str, line: str) -> None:
     print(f"[{name}] {line}", flush=True)
 
 
-def _die_with_parent() -> None:
-    _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+def _prepare_child(niceness: int) -> None:
+    os.nice(niceness)
+    # Not SIGKILL: a loaded rig unloads first.
+    _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     # A Ctrl-C of the terminal reaches only this process, which ends the nodes in order.
     os.setpgrp()
 
@@ -122,6 +135,7 @@ async def _run(
     keep_going: bool,
     respawn_s: float | None,
     limit_s: float | None,
+    grace_s: float,
 ) -> Ended:
     if log_folder is not None:
         log_folder.mkdir(parents=True, exist_ok=True)
@@ -138,14 +152,14 @@ async def _run(
     pids: dict[str, int] = {}
     first, code, overdue = "", 0, False
 
-    async def start(name: str, command: list[str]) -> None:
+    async def start(name: str, command: list[str], niceness: int = 0) -> None:
         process = await asyncio.create_subprocess_exec(
             *command,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
             stdin=asyncio.subprocess.DEVNULL,
-            env={**os.environ, **environment},
-            preexec_fn=_die_with_parent,
+            env={**os.environ, LAUNCHER: str(os.getpid()), **environment},
+            preexec_fn=partial(_prepare_child, niceness),
         )
         processes[name], pids[name] = process, process.pid
         pumps.append(asyncio.create_task(_pump(name, process, on_line, log_folder)))
@@ -156,17 +170,39 @@ async def _run(
             await asyncio.sleep(respawn_s or 0.0)
             await start(name, command)
 
+    expendable = {spec.executable for spec in nodes if spec.restarts}
+
+    async def keep_expendable(name: str, command: list[str]) -> None:
+        """Return only if the node cannot be started at all."""
+        for _ in range(RESTARTS):
+            if await processes[name].wait() == USAGE:
+                return
+            on_line(name, f"ended with code {processes[name].returncode}, starts again")
+            await asyncio.sleep(RESTART_S)
+            # Loading a program must not take the cores that the loops need.
+            await start(name, command, RESTART_NICENESS)
+        await processes[name].wait()
+        on_line(name, "ended too often; the others go on without it")
+        await asyncio.Event().wait()
+
     try:
         for name, command in commands:
             await start(name, command)
         if respawn_s is not None:
             keepers = [asyncio.create_task(keep(*item)) for item in commands]
+        else:
+            keepers = [
+                asyncio.create_task(keep_expendable(*item), name=item[0])
+                for item in commands
+                if item[0] in expendable
+            ]
         if on_start is not None:
             on_start(pids)
         if keep_going or respawn_s is not None:
             end = asyncio.create_task(_interruption(interrupted))
         else:
-            end = asyncio.create_task(_first_end(processes, interrupted))
+            lasting = {n: p for n, p in processes.items() if n not in expendable}
+            end = asyncio.create_task(_first_end(lasting, keepers, interrupted))
         try:
             first, code = await asyncio.wait_for(end, limit_s)
         except asyncio.TimeoutError:
@@ -175,7 +211,7 @@ async def _run(
         for keeper in keepers:
             keeper.cancel()
         for name in reversed(processes):
-            await _end(processes[name])
+            await _end(processes[name], grace_s)
         await asyncio.gather(*pumps)
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.remove_signal_handler(number)
@@ -189,27 +225,33 @@ async def _interruption(interrupted: asyncio.Event) -> tuple[str, int]:
 
 
 async def _first_end(
-    processes: dict[str, asyncio.subprocess.Process], interrupted: asyncio.Event
+    processes: dict[str, asyncio.subprocess.Process],
+    keepers: Sequence[asyncio.Task[None]],
+    interrupted: asyncio.Event,
 ) -> tuple[str, int]:
     tasks = {asyncio.create_task(process.wait()): name for name, process in processes.items()}
     stop = asyncio.create_task(interrupted.wait())
-    done, pending = await asyncio.wait([*tasks, stop], return_when=asyncio.FIRST_COMPLETED)
+    waited: list[asyncio.Task[Any]] = [*tasks, *keepers, stop]
+    done, pending = await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED)
     for task in pending:
         task.cancel()
+    for keeper in keepers:
+        if keeper in done:
+            return keeper.get_name(), USAGE
     ended = [task for task in done if task is not stop]
     if not ended:
         return "", 0
     return tasks[ended[0]], int(ended[0].result() or 0)
 
 
-async def _end(process: asyncio.subprocess.Process) -> None:
+async def _end(process: asyncio.subprocess.Process, grace_s: float) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         if process.returncode is not None:
             return
         with suppress(ProcessLookupError):
             process.send_signal(number)
         with suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(process.wait(), GRACE_S)
+            await asyncio.wait_for(process.wait(), grace_s)
 
 
 async def _pump(

@@ -12,6 +12,8 @@ from cabols_control.errors import ConfigError
 
 ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Environment of every node: its matrices are tiny, and two cores run the whole graph."""
+LAUNCHER = "CABOLS_LAUNCHER"
+"""Environment variable with the process id of who launched a node, if it is the node's parent."""
 FIFO = "fifo_priority"
 """The argument of which nodes get less than its value: see NodeSpec.fifo_below."""
 
@@ -43,6 +45,7 @@ class NodeSpec:
         role: what it is for.
         takes: names of the arguments that it gets.
         fifo_below: how much less than the argument's its real-time priority is.
+        restarts: whether it is started again when it ends; the graph goes on without it.
     """
 
     package: str
@@ -54,6 +57,7 @@ class NodeSpec:
     role: Role | None = None
     takes: tuple[str, ...] = ()
     fifo_below: int = 0
+    restarts: bool = False
 
     def with_parameters(self, **parameters: Any) -> NodeSpec:
         """Return the same node with more parameters."""

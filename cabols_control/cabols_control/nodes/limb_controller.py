@@ -21,6 +21,8 @@ from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_limb_messages
 
 MODE_TIMEOUT_S = 0.5
+BRIDGE_SILENT_S = 0.5
+"""Silence of the bridge after which a process that is asked to end waits for nothing [s]."""
 NO_SUBSET = [-1]
 
 
@@ -93,6 +95,19 @@ class LimbControllerNode(ControlNode):
         if self.context.ok():
             self._answer["current"][:] = 0.0
             self._output.publish(self._answer.raw())
+
+    def end_asked(self) -> None:
+        """Ask for unloading."""
+        self.announce_end()
+
+    def may_end(self) -> bool:
+        """Not while anything moves, unless the bridge is silent."""
+        moving = self.seen_mode in MOVING
+        return self.lockstep or not moving or self._loop_rests()
+
+    def _loop_rests(self) -> bool:
+        """Whether no sample has come for some time."""
+        return time.monotonic_ns() - self._state.received_ns > 1e9 * BRIDGE_SILENT_S
 
     @property
     def failure(self) -> BaseException | None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
+from contextlib import suppress
 from datetime import datetime, timezone
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from cabols_msgs.msg import Mode
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
@@ -18,13 +21,17 @@ from cabols_control.errors import ConfigError
 from cabols_control.realtime.scheduling import be_ordinary
 from cabols_control.rig_folder import FILES, rig_file
 from cabols_control.ros import topics
-from cabols_control.ros.node import WAITING, ControlNode, run_node
+from cabols_control.ros.node import RUNNING, WAITING, ControlNode, RCLError, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.recording import Recording
+from cabols_control.supervision.faults import Fault, FaultName
+from cabols_control.supervision.modes import MOVING
 from cabols_control.topics import RECORDED
 
 IDLE_REPORT_S = 1.0
+SPACE_S = 1.0
+"""Between two looks at the free space [s]."""
 JOIN_S = 0.1
 
 
@@ -49,12 +56,19 @@ class RecorderNode(ControlNode):
             self, "flush_period", 0.5, "s, what a kill may lose at most", (0.05, 60.0)
         )
         self._description = declare_row(self, CONTROL_NODES.argument("description"))
+        self._free_space = declare_row(self, CONTROL_NODES.argument("free_space"))
         at_once = declare_row(self, CONTROL_NODES.argument("record_at_start"))
         self._topic_names = _checked(names)
         self._failure: BaseException | None = None
+        self._no_space = False
         self._told = self.create_publisher(String, "recording", topic_qos("recording"))
         self.create_service(SetBool, "record", self._obey)
         self.create_timer(IDLE_REPORT_S, self._report_idle)
+        self._mode: int = Mode.STOPPED
+        if not self.lockstep:
+            # In lockstep the clock counts the readers of each topic.
+            self.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode"))
+            self.create_timer(SPACE_S, self._watch_space)
         self._joining = self.create_timer(JOIN_S, self._join)
         self._recording = self._new(self._first_folder()) if at_once else None
         self._tell()
@@ -68,7 +82,38 @@ class RecorderNode(ControlNode):
         parent = Path(self._given).parent if self._given else Path("bags")
         return parent / f"cabols_{now:%Y-%m-%d_%H-%M-%S}"
 
+    def _hear_mode(self, message: Mode) -> None:
+        self._mode = message.mode
+
+    def end_asked(self) -> None:
+        """Ask for unloading, which is recorded, too."""
+        if self._recording is not None:
+            self.announce_end()
+
+    def may_end(self) -> bool:
+        """Not while something moves that is being recorded."""
+        return self.lockstep or self._recording is None or self._mode not in MOVING
+
+    def _watch_space(self) -> None:
+        """Tell the supervisor before the disk is full; complete the bag once the rig rests."""
+        if self._recording is None:
+            if self._no_space and not lack_of_space(self._next_folder(), self._free_space):
+                self._no_space, self.status.notice = False, None
+            return
+        lack = lack_of_space(self._recording.folder, self._free_space)
+        if not lack:
+            return
+        if not self._no_space:
+            self._no_space = True
+            self.status.notice = Fault(FaultName.RECORDING, lack)
+            self.status.publish(self.get_clock().now().nanoseconds, RUNNING)
+            self.get_logger().error(lack)
+        if self._mode not in MOVING:
+            self._switch_off()
+
     def _new(self, folder: Path) -> Recording:
+        if lack := lack_of_space(folder, self._free_space):
+            raise BagError(lack)
         texts = {"description": self._description, **self._rig_texts()}
         return Recording(self, folder, self._topic_names, texts, self._period, self._ended)
 
@@ -91,6 +136,10 @@ class RecorderNode(ControlNode):
     def _ended(self, failed: bool) -> None:
         """Handle the end of a recording's thread: after a failure, the node ends, too."""
         if failed:
+            reason = f"the bag ends early: {self._recording and self._recording.failure}"
+            self.status.notice = Fault(FaultName.RECORDING, reason)
+            with suppress(RCLError):
+                self.status.publish(self.get_clock().now().nanoseconds, WAITING)
             self.context.try_shutdown()
         # rclpy's signal handler wakes executors before it ends the context: on a busy machine one
         # can be back in its wait by then, and would stay there for ever.
@@ -110,15 +159,21 @@ class RecorderNode(ControlNode):
             return response
         if self._recording is None:
             return self._switch_on(response)
-        done, self._recording = self._recording, None
-        done.close()
-        done.forget()
-        self._tell()
+        done = self._switch_off()
         response.success = done.failure is None
         response.message = str(done.failure or done.summary().partition("\n")[0])
         if not response.success:
             self.get_logger().error(response.message)
         return response
+
+    def _switch_off(self) -> Recording:
+        """Complete the bag."""
+        assert self._recording is not None
+        done, self._recording = self._recording, None
+        done.close()
+        done.forget()
+        self._tell()
+        return done
 
     def _switch_on(self, response: Any) -> Any:
         folder = self._next_folder()
@@ -165,6 +220,23 @@ class RecorderNode(ControlNode):
             found[f"{name}_yaml"] = content.decode()
             found[f"{name}_sha256"] = sha256(content).hexdigest()
         return found
+
+
+def lack_of_space(folder: Path, least_gb: float) -> str:
+    """Why a bag must not be written into a folder; empty if there is space enough.
+
+    Args:
+        folder: of the bag; need not exist yet.
+        least_gb: space that must be free [GB].
+    """
+    there = next(path for path in [folder.absolute(), *folder.absolute().parents] if path.is_dir())
+    free_gb = 1e-9 * shutil.disk_usage(there).free
+    if free_gb >= least_gb:
+        return ""
+    return (
+        f"{folder}: expected at least {least_gb:g} GB of free space for a bag, got {free_gb:.2f}; "
+        "delete old bags, or set free_space"
+    )
 
 
 def _checked(names: list[str]) -> list[str]:

@@ -92,6 +92,18 @@ class SupervisorNode(ControlNode):
         """Stop the loop; without a supervisor the limb controller stops a load."""
         self._loop.stop()
 
+    def end_asked(self) -> None:
+        """Unload, then stop."""
+        with self._lock:
+            self._core.hear_notice(self.get_name(), Fault(FaultName.ENDING, "asked to end"))
+            self._publish_change()
+
+    def may_end(self) -> bool:
+        """Not while anything moves, unless no bridge is there."""
+        with self._lock:
+            silent = self.paced or not self._core.fresh(self._now_s())
+            return silent or self._core.mode not in MOVING
+
     @property
     def failure(self) -> BaseException | None:
         """Return the error that ended the loop."""

@@ -15,11 +15,13 @@ from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_no
 from cabols_control.ros.parameters import declare_robot, declare_row
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
-from cabols_control.supervision.modes import OperatingMode
+from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 from cabols_control.wrench_control.tension_setpoint import DesiredTension
 
+BRIDGE_SILENT_S = 0.5
+"""Silence of the bridge after which a process that is asked to end waits for nothing [s]."""
 POSE_TIMEOUT_S = 0.5
 LOCKSTEP_EXCUSE_NS = 1_000_000_000
 """In computer time [ns]: a lockstep clock may run ahead of a process that the kernel stalls."""
@@ -81,6 +83,19 @@ class WrenchControllerNode(ControlNode):
     def end(self) -> None:
         """Stop the loop; the limb controller then cuts the current for a stale command."""
         self._loop.stop()
+
+    def end_asked(self) -> None:
+        """Ask for unloading."""
+        self.announce_end()
+
+    def may_end(self) -> bool:
+        """Not while anything moves, unless the bridge is silent."""
+        moving = self._mode.count > 0 and int(self._mode.record["mode"]) in MOVING
+        return self.lockstep or not moving or self._loop_rests()
+
+    def _loop_rests(self) -> bool:
+        """Whether no sample has come for some time."""
+        return time.monotonic_ns() - self._wrench.received_ns > 1e9 * BRIDGE_SILENT_S
 
     @property
     def failure(self) -> BaseException | None:

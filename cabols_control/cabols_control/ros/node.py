@@ -12,6 +12,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from cabols_control.command_line import USAGE, fail
 from cabols_control.errors import CabolsError
@@ -23,6 +24,7 @@ from cabols_control.realtime.scheduling import (
     give_back,
 )
 from cabols_control.ros import topics, transport
+from cabols_control.ros.ending import EndRequest
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Output
 from cabols_control.ros.parameters import (
@@ -36,7 +38,7 @@ from cabols_control.ros.status.diagnostics import Diagnostics, Health
 from cabols_control.ros.status.loop_log import LoopLog
 from cabols_control.ros.status.statistics import Durations
 from cabols_control.ros.threads.executor_thread import hand_over
-from cabols_control.supervision.faults import Fault
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.topics import NAMESPACE
 
 RCLError = rclpy_implementation.RCLError
@@ -56,6 +58,7 @@ class Status:
         log: of the loop.
         on_change: called after each change of state or reason.
         counted: further counters for /diagnostics, by name.
+        notice: told with every report in which the loop has nothing of its own to tell.
     """
 
     def __init__(self, node: Node, lockstep: bool) -> None:
@@ -67,6 +70,7 @@ class Status:
         self._layout(self._name, "")
         self._reported: tuple[int, Fault | None] = (-1, None)
         self.log = LoopLog(node)
+        self.notice: Fault | None = None
         self.on_change: Callable[[], object] = lambda: None
         self.cycles = 0
         self.lost = 0
@@ -85,6 +89,7 @@ class Status:
             fault: what is wrong; it stops the loop only with state FAULT.
         """
         self.cycles += 1
+        fault = fault or self.notice
         changed = (state, fault) != self._reported
         if changed or self.cycles % REPORT_EVERY == 0:
             self.publish(stamp_ns, state, fault)
@@ -95,6 +100,7 @@ class Status:
 
     def publish(self, stamp_ns: int, state: int, fault: Fault | None = None) -> None:
         """Send one report; arguments as for cycle."""
+        fault = fault or self.notice
         reason, name = ("", "") if fault is None else (fault.reason, fault.name.value)
         record = self._layout(self._name, reason, name).record()
         record.stamp(max(stamp_ns, 0))
@@ -213,6 +219,17 @@ class ControlNode(Node):
     def end(self) -> None:
         """Stop threads and leave outputs safe."""
 
+    def end_asked(self) -> None:
+        """Note, once, that this process is asked to end; called before any `may_end`."""
+
+    def may_end(self) -> bool:
+        """Whether this process may end now; one of the control path may not under load."""
+        return True
+
+    def announce_end(self) -> None:
+        """Ask the supervisor, by the next report, to unload and stop the rig."""
+        self.status.notice = Fault(FaultName.ENDING, "asked to end")
+
     @property
     def failure(self) -> BaseException | None:
         """Return the error that ended a thread of this node; None if there is none."""
@@ -220,13 +237,16 @@ class ControlNode(Node):
 
 
 def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = None) -> int:
-    """Run one control node until SIGINT, SIGTERM or its own failure.
+    """Run one control node until SIGINT, SIGTERM, its launcher's death or its own failure.
+
+    A node of the control path goes on while there is a load, for at most END_LIMIT_S.
 
     Returns:
         Exit code: 0, or 1 after a failure, or 2 for a configuration that cannot be used.
     """
+    end = EndRequest(rclpy.try_shutdown)
     try:
-        transport.init(args=arguments)
+        transport.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
     except (CabolsError, ParameterException, *ROS_ARGUMENT_ERRORS) as error:
         code = fail(str(error), USAGE)
@@ -241,9 +261,8 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     executor.add_node(node)
     try:
         node.begin()
-        # Not executor.spin(): a signal may wake it only once, before the context has shut down.
-        while node.context.ok():
-            executor.spin_once(timeout_sec=0.2)
+        end.ready()
+        _spin(node, executor, end)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except RCLError:
@@ -262,3 +281,17 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
         print(f"error: {type(failure).__name__}: {failure}", file=sys.stderr)
         return 1
     return 0
+
+
+def _spin(node: ControlNode, executor: SingleThreadedExecutor, end: EndRequest) -> None:
+    """Serve a node until its context ends, or it is asked to end and may."""
+    told = False
+    while node.context.ok():
+        if end.asked:
+            if not told:
+                told = True
+                node.end_asked()
+            if node.may_end() or end.overdue:
+                node.context.try_shutdown()
+                return
+        executor.spin_once(timeout_sec=0.05 if told else 0.2)

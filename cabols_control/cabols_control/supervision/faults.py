@@ -53,6 +53,10 @@ class FaultName(str, Enum):
     """The bias before stays in force."""
     LOAD_HELD = "load_held"
     """At rest, the gears hold a load; a notice, with a healthy state."""
+    ENDING = "ending"
+    """A process of the control path is asked to end: the rig unloads first."""
+    RECORDING = "recording"
+    """What happens is not recorded any more: the test ends in order."""
     # Found by the robot's bridge.
     STREAM_SILENT = "stream_silent"
     STREAM_QUALITY = "stream_quality"
@@ -84,6 +88,9 @@ SENSOR_FAULTS = frozenset(
     {FaultName.SENSOR_INVALID, FaultName.SENSOR_SATURATED, FaultName.SENSOR_FLAT}
 )
 """Of the force/torque sensor itself."""
+
+ORDERLY_END = frozenset({FaultName.ENDING, FaultName.RECORDING})
+"""Notices after which the supervisor unloads and stops, without a FAULT."""
 
 OVERLOAD = FaultName.SENSOR_SATURATED
 """A load that is beyond the sensor: FREE_MOVING takes it off."""

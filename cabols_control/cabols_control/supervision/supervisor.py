@@ -10,7 +10,7 @@ from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.naming import limb_names
 from cabols_control.result_code import ResultCode
 from cabols_control.supervision.clock import clock_fault
-from cabols_control.supervision.faults import OVERLOAD, Fault, FaultName
+from cabols_control.supervision.faults import ORDERLY_END, OVERLOAD, Fault, FaultName
 from cabols_control.supervision.modes import (
     MOVING,
     Condition,
@@ -38,6 +38,8 @@ class SupervisionConfig:
         report_timeout_s: longest age of a report that counts.
         unloaded_tension: below it in all limbs, UNLOADING is over [N].
         unload_timeout_s: longest UNLOADING.
+        recorder: node without whose reports a test is not recorded; empty for none.
+        recorder_timeout_s: longest silence of a recorder that has recorded.
     """
 
     auto_start: bool = False
@@ -49,6 +51,8 @@ class SupervisionConfig:
     report_timeout_s: float = 1.5
     unloaded_tension: float = 8.0
     unload_timeout_s: float = 5.0
+    recorder: str = "recorder"
+    recorder_timeout_s: float = 5.0
 
 
 class Supervision:
@@ -68,6 +72,8 @@ class Supervision:
         self._reports: dict[str, float] = {}
         self._complaints: dict[str, Fault] = {}
         self._untared: dict[str, str] = {}
+        self._leaving: dict[str, str] = {}
+        self._recorded_s = np.inf
         self._platform: FloatArray | None = None
         self._platform_s = -np.inf
         self._platform_speed = 0.0
@@ -195,6 +201,11 @@ class Supervision:
             self._untared[node] = notice.reason
         else:
             self._untared.pop(node, None)
+        if notice is not None and notice.name in ORDERLY_END:
+            self._leaving[node] = notice.reason
+            self.abandon(f"{node}: {notice.reason}")
+        else:
+            self._leaving.pop(node, None)
 
     def hear_report(
         self, node: str, now_s: float, running: bool, fault: Fault | None, stamp_s: float
@@ -211,6 +222,8 @@ class Supervision:
             fault: that it reports; None for none.
             stamp_s: of the newest sample that the node has handled [s].
         """
+        if node == self._config.recorder:
+            self._recorded_s = now_s if running else np.inf
         overload = fault is not None and fault.name == OVERLOAD
         if running or overload:
             self._reports[node] = now_s
@@ -231,9 +244,12 @@ class Supervision:
 
     def check_silence(self, now_s: float) -> None:
         """Latch a fault if limb states have stopped while the rig is not at rest."""
-        if self.mode in MOVING and not self._fresh(now_s):
+        if self.mode in MOVING and not self.fresh(now_s):
             reason = f"no limb state for {self._config.state_timeout_s:g} s"
             self._fault(FaultName.STATE_AGE, reason)
+        if now_s - self._recorded_s > self._config.recorder_timeout_s:
+            self._recorded_s = np.inf
+            self.abandon(f"{self._config.recorder} is silent: nothing is recorded any more")
 
     def abandon(self, reason: str) -> None:
         """Unload and stop an unattended rig."""
@@ -251,6 +267,8 @@ class Supervision:
         """
         before = self.mode
         if requested in MOVING:
+            for node, reason in self._leaving.items():
+                return Verdict(ResultCode.NOT_READY, f"{node}: {reason}")
             # A node with a fault does not count as running: its fault is the better answer.
             for node, complaint in self._complaints.items():
                 overload = complaint.name == OVERLOAD
@@ -270,7 +288,7 @@ class Supervision:
         if requested == OperatingMode.LOADING:
             for node, reason in self._untared.items():
                 return Verdict(ResultCode.FAULT_REPORTED, f"{node}: {reason}", FaultName.NOT_TARED)
-        condition = Condition(self._zeros(), self._fresh(now_s), self._platform_speed)
+        condition = Condition(self._zeros(), self.fresh(now_s), self._platform_speed)
         verdict = self._machine.request(requested, condition)
         if self.mode != before:
             self._note_entry()
@@ -284,7 +302,12 @@ class Supervision:
         """Leave FAULT for STOPPED; the automatic sequence does not start again."""
         return self._machine.reset()
 
-    def _fresh(self, now_s: float) -> bool:
+    def fresh(self, now_s: float) -> bool:
+        """Whether limb states arrive.
+
+        Args:
+            now_s: now, on the clock of the samples [s].
+        """
         return now_s - self._newest_s <= self._config.state_timeout_s
 
     def _silent(self, now_s: float) -> list[str]:

@@ -25,7 +25,7 @@ from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.threads.pause import pause
 from cabols_control.stamps import set_time
-from cabols_control.supervision.modes import OperatingMode
+from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
@@ -175,6 +175,18 @@ class AbbTrackerBridge(ControlNode):
         self._reader.close()
         for server in self._servers:
             server.destroy()
+
+    def end_asked(self) -> None:
+        """Ask for unloading; the robot stops, its pose still comes."""
+        self.announce_end()
+        self._ending = True
+
+    def may_end(self) -> bool:
+        """Not under load, which needs the pose, and not before the robot's motion has ended."""
+        mode = self._stream.mode
+        if self.lockstep or self._stream.stale:
+            return True
+        return (mode is None or mode not in MOVING) and self._motion is None
 
     @property
     def failure(self) -> BaseException | None:

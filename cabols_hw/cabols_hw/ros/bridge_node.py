@@ -32,6 +32,8 @@ from cabols_hw.safety.guard import BridgeGuard
 RING = 1024
 NOTICE_EVERY = 100
 """Cycles between two looks at what is worth a notice."""
+HELP_S = 1.0
+"""From the wish to end until the bridge unloads by itself, if the supervisor does not [s]."""
 ANSWER_WAIT_NS = 20_000_000
 EXTRA_WAITS = 1
 """Room in the wait set for further inputs of a derived bridge."""
@@ -98,6 +100,7 @@ class BridgeNode(ControlNode):
         self._newest_s = 0.0
         self._refused: Fault | None = None
         self._enabled = True
+        self._end_asked_s = 0.0
         self._sent_ns = np.zeros(RING, dtype=np.int64)
         self._stop = threading.Event()
         self._failure: BaseException | None = None
@@ -164,6 +167,22 @@ class BridgeNode(ControlNode):
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
         """Publish further messages with a sample; called just before it is published."""
 
+    def end_asked(self) -> None:
+        """Ask for unloading; the bridge helps itself if nobody unloads."""
+        self.announce_end()
+        self._end_asked_s = self._newest_s
+
+    def may_end(self) -> bool:
+        """Not while the motors move the cables, or unload them."""
+        guard, mode = self._guard, self._mode
+        if self.lockstep:
+            return True
+        if mode not in MOVING or guard.fault is not None:
+            return not guard.unloading.active
+        if mode != OperatingMode.UNLOADING and self._newest_s - self._end_asked_s > HELP_S:
+            guard.ending = True
+        return False
+
     def begin(self) -> None:
         """Start the card and the threads."""
         for thread in self._threads:
@@ -176,6 +195,7 @@ class BridgeNode(ControlNode):
             if thread.is_alive():
                 thread.join(timeout=1.0)
         self.daq.close()
+        self._bias_keeper.tell_held()
 
     @property
     def failure(self) -> BaseException | None:

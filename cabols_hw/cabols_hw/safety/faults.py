@@ -54,6 +54,7 @@ FAULTS: dict[FaultName, Reaction] = {
     FaultName.POSE: Reaction.UNLOAD,
     FaultName.POSE_SPEED: Reaction.UNLOAD,
     FaultName.POSE_AGE: Reaction.UNLOAD,
+    FaultName.ENDING: Reaction.UNLOAD,
     FaultName.CURRENT: Reaction.CUT,
     FaultName.MOTION: Reaction.CUT,
     FaultName.ENCODER: Reaction.CUT,

@@ -22,6 +22,7 @@ class BridgeGuard:
     Attributes:
         safety: the envelope; its `fault` is the one in force.
         unloading: the bridge's own unloading.
+        ending: set to unload at the next sample, because the process is to end.
     """
 
     def __init__(self, rig: Rig, config: SafetyConfig, watchdog_s: float) -> None:
@@ -38,6 +39,7 @@ class BridgeGuard:
         self._commanded = np.zeros(rig.geometry.cables)
         self._rest = np.zeros(rig.geometry.cables)
         self._emergency = False
+        self.ending = False
 
     @property
     def enabled(self) -> bool:
@@ -111,6 +113,8 @@ class BridgeGuard:
 
     def _judge_commands(self, now_s: float, mode: OperatingMode, card_expired: bool) -> None:
         at_rest = mode not in MOVING
+        if self.ending and not at_rest:
+            self.safety.trip(BridgeFault(FaultName.ENDING, "asked to end, and nobody unloads"))
         if not self._watchdog.check(now_s, at_rest):
             self.safety.trip(BridgeFault(FaultName.COMMAND_AGE, self._watchdog.fault))
         if card_expired and not at_rest:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cabols_control.bringup.graph import with_arguments
-from cabols_control.bringup.processes import Ended, run
+from cabols_control.bringup.processes import GRACE_S, Ended, run
 from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
 from cabols_control.realtime.scheduling import may_limit_wake_up, may_use_fifo
 from cabols_sim.bringup_nodes import Ports, bench_graph
@@ -119,7 +119,10 @@ def run_bench(
     nodes = [_stand_in(node, stand_ins or {}) for node in with_arguments(graph, values)]
     nodes += tools
     with _on_core(values.get("other_cpu", -1)):
-        return run(nodes, where, on_line, log_folder, on_start, keep_going, respawn_s, limit_s)
+        output = (on_line, log_folder)
+        # A load comes off in the rig's time.
+        grace_s = GRACE_S / values.get("speed", 1.0)
+        return run(nodes, where, *output, on_start, keep_going, respawn_s, limit_s, grace_s)
 
 
 def _stand_in(node: NodeSpec, stand_ins: Mapping[str, tuple[str, str]]) -> NodeSpec:

@@ -126,7 +126,6 @@ def test_robot_stops_when_its_bridge_is_killed_on_the_way():
     assert max(max(m.tension) for m in watcher.seen["limb_state"]) <= BOUND_N
 
 
-@fails_today(13, "98 N stay on the gears, without unloading")
 def test_ctrl_c_under_load_leads_through_unloading():
     def scenario(watcher, pids):
         loading(watcher)
