@@ -57,10 +57,12 @@ class PlantClock(threading.Thread):
 
 
 @contextmanager
-def running_controller(egm_port: int, password: str = "robotics", wrench=None):
+def running_controller(egm_port: int, password: str = "robotics", wrench=None, **options):
     clock = PlantClock(wrench)
     link = DeviceLink(clock.link.port)
-    controller = AbbController(link, load_configurations(), egm_port, 0, password=password)
+    controller = AbbController(
+        link, load_configurations(), egm_port, 0, password=password, **options
+    )
     clock.start()
     link.start()
     controller.start()

@@ -33,6 +33,13 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--link-port", type=int, default=DEFAULT_LINK_PORT, help="UDP port of the plant")
     add("--egm-port", type=int, default=DEFAULT_EGM_PORT, help="UDP port that EGM is sent to")
     add("--rws-port", type=int, default=DEFAULT_RWS_PORT, help="TCP port of RWS; 0: any")
+    add("--rws-version", type=int, choices=(1, 2), default=1, help="1: IRC5, 2: OmniCore")
+    add(
+        "--rws-certificate",
+        type=existing_file,
+        default="",
+        help="PEM file with certificate and key, for https; empty: http",
+    )
     add("--tracker-port", type=int, default=DEFAULT_TRACKER_PORT, help="0: any")
     add("--no-tracker", action="store_true", help="robot only")
     rig_option(parser)
@@ -85,6 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.password,
             options.seed,
             load_arm(options.rig),
+            options.rws_version,
+            str(options.rws_certificate),
         )
         tracker = _tracker(link, options)
     except CabolsError as error:

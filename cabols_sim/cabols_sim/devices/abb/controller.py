@@ -36,8 +36,22 @@ class AbbController:
         password: str = PASSWORD,
         seed: int = 0,
         serial: SerialArm | None = None,
+        rws_version: int = 1,
+        certificate: str = "",
     ) -> None:
-        """Prepare; start() begins. The arm is `serial`, None: the bench's.
+        """Prepare; start() begins.
+
+        Args:
+            link: to the plant.
+            configurations: stored ones, and the tool.
+            egm_port: that the position stream is sent to.
+            rws_port: of the web server; 0: any.
+            user: of the web server.
+            password: of the user.
+            seed: of lost packets.
+            serial: the arm; None: the bench's.
+            rws_version: of Robot Web Services, 1 (IRC5) or 2 (OmniCore).
+            certificate: PEM file with certificate and key, for https; empty: http.
 
         Raises:
             RwsServerError: if the port is taken.
@@ -50,7 +64,7 @@ class AbbController:
             serial=serial,
         )
         self.egm = EgmServer(self.program, tool, egm_port, seed=seed)
-        self.rws = RwsServer(self.program, user, password, rws_port)
+        self.rws = RwsServer(self.program, user, password, rws_port, rws_version, certificate)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="abb", daemon=True)
 

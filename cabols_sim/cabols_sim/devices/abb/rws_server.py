@@ -1,125 +1,123 @@
-"""Robot Web Services 1.0, as much of it as a rig uses, over HTTP with digest authentication."""
+"""The controller's web server: Robot Web Services 1.0 or 2.0 over HTTP or HTTPS, on loopback."""
 
 from __future__ import annotations
 
 import json
+import ssl
 import threading
+from collections.abc import Callable
+from enum import IntEnum
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from cabols_control.errors import CabolsError
 from cabols_sim.devices.abb.digest import DigestGuard
-from cabols_sim.devices.abb.rapid import RapidError, RapidProgram
+from cabols_sim.devices.abb.rapid import RapidProgram
+from cabols_sim.devices.abb.rws2 import Rws2
+from cabols_sim.devices.abb.rws_resources import Refusal, RwsResources
 
-TASK = "T_ROB1"
-MODULE = "cabols"
-SYMBOLS = "/rw/rapid/symbol/data/RAPID/"
-SYMBOL_NOT_FOUND = -1073442809
-REJECTED = -1073445865
-NO_RESOURCE = -1073445881
 BODY_LIMIT = 65536
 IDLE_S = 30.0
+HANG_S = 5.0
+
+
+class Trouble(IntEnum):
+    """What a network or a controller does to a request."""
+
+    NONE = 0
+    LOST = 1
+    """The connection is closed before the request is obeyed."""
+    ANSWER_LOST = 2
+    """The request is obeyed, the connection is closed before the answer."""
+    BUSY = 3
+    """503; not obeyed."""
+    HANGS = 4
+    """Not obeyed, and no answer for a long time."""
+
+
+Troubles = Callable[[str, str], Trouble]
+"""(method, path with query) to what happens to a request."""
+
+
+def no_trouble(method: str, path: str) -> Trouble:
+    """Let every request through.
+
+    Args:
+        method: of the request.
+        path: of the request.
+    """
+    del method, path
+    return Trouble.NONE
 
 
 class RwsServerError(CabolsError):
     """The server's port is not available."""
 
 
-class Refusal(Exception):  # noqa: N818
-    """An answer other than success: HTTP status, RWS code and message."""
+class Version(Protocol):
+    """What the two versions differ in."""
 
-    def __init__(self, status: int, code: int, message: str) -> None:
-        super().__init__(message)
-        self.status, self.code = status, code
+    def challenge(self) -> str:
+        """Value of WWW-Authenticate."""
+
+    def allows(self, method: str, path: str, header: str) -> bool:
+        """Whether a request may be answered."""
+
+    def act(
+        self, method: str, path: str, query: dict[str, str], body: str, headers: Any
+    ) -> tuple[int, Any, dict[str, str]]:
+        """Answer a request: status, content, further headers."""
 
 
-class RwsResources:
-    """Path and query to answer; no sockets, no authentication."""
+class Rws1:
+    """Robot Web Services 1.0 (IRC5): digest authentication, actions in the query."""
 
-    def __init__(self, program: RapidProgram) -> None:
-        """Serve one program on one task."""
-        self._program = program
+    def __init__(self, resources: RwsResources, user: str, password: str) -> None:
+        """Serve one user."""
+        self._resources = resources
+        self._guard = DigestGuard(user, password)
 
-    def get(self, path: str) -> list[dict[str, str]]:
-        """Return the state entries of a resource; Refusal if there is none."""
-        program = self._program
-        if path.startswith(SYMBOLS):
-            name = self._symbol(path)
-            return [{"_type": "rap-data", "_title": path[1:], "value": program.get(name)}]
-        running = "running" if program.running else "stopped"
-        known = {
-            "/rw/rapid/execution": {
-                "_type": "rap-execution",
-                "_title": "execution",
-                "ctrlexecstate": running,
-                "cycle": "forever",
-            },
-            "/rw/panel/ctrlstate": {
-                "_type": "pnl-ctrlstate",
-                "_title": "ctrlstate",
-                "ctrlstate": program.controller_state,
-            },
-            "/rw/panel/opmode": {
-                "_type": "pnl-opmode",
-                "_title": "opmode",
-                "opmode": program.operation_mode,
-            },
-            "/rw/rapid/tasks": {
-                "_type": "rap-task-li",
-                "_title": TASK,
-                "name": TASK,
-                "type": "normal",
-                "taskstate": "linked",
-                "excstate": "started" if program.running else "stopped",
-                "active": "On",
-                "motiontask": "TRUE",
-            },
-            "/logout": {"_type": "user-logout", "_title": "logout"},
-        }
-        if path not in known:
-            raise Refusal(404, NO_RESOURCE, f"no such resource: {path}")
-        return [known[path]]
+    def challenge(self) -> str:
+        """Value of WWW-Authenticate."""
+        return self._guard.challenge()
 
-    def post(self, path: str, action: str, form: dict[str, str]) -> None:
-        """Act; Refusal if that is not possible now, or ever."""
-        program = self._program
-        if program.operation_mode != "AUTO":
-            raise Refusal(403, REJECTED, "operation not allowed in manual mode")
+    def allows(self, method: str, path: str, header: str) -> bool:
+        """Whether a request may be answered.
+
+        Args:
+            method: of it.
+            path: of it.
+            header: its Authorization.
+        """
+        return self._guard.allows(method, path, header)
+
+    def act(
+        self, method: str, path: str, query: dict[str, str], body: str, headers: Any
+    ) -> tuple[int, Any, dict[str, str]]:
+        """Answer a request: status, content, further headers.
+
+        Args:
+            method: GET or POST.
+            path: without the query.
+            query: of the path.
+            body: content of a POST.
+            headers: of the request.
+        """
+        links = {"base": {"href": f"http://{headers.get('Host', '')}/"}}
         try:
-            if path.startswith(SYMBOLS) and action == "set":
-                program.set(self._symbol(path), form.get("value", ""))
-            elif (path, action) == ("/rw/rapid/execution", "start"):
-                program.start()
-            elif (path, action) == ("/rw/rapid/execution", "stop"):
-                program.stop()
-            elif (path, action) == ("/rw/rapid/execution", "resetpp"):
-                program.reset_pointer()
-            elif (path, action) == ("/rw/panel/ctrlstate", "setctrlstate"):
-                self._switch(form.get("ctrl-state", ""))
-            elif path.startswith("/rw/mastership"):
-                # Implicit mastership suffices for one client; requesting it is no error.
-                return
-            else:
-                raise Refusal(404, NO_RESOURCE, f"no such resource: {path}?action={action}")
-        except RapidError as error:
-            raise Refusal(400, REJECTED, str(error)) from error
-
-    def _switch(self, wanted: str) -> None:
-        if wanted not in ("motoron", "motoroff"):
-            raise Refusal(400, REJECTED, f"ctrl-state: expected motoron or motoroff, got {wanted}")
-        self._program.set_motors(wanted == "motoron")
-
-    def _symbol(self, path: str) -> str:
-        """Name of the variable of .../T_ROB1/name or .../T_ROB1/module/name."""
-        task, *rest = path[len(SYMBOLS) :].split("/")
-        modules, name = rest[:-1], rest[-1] if rest else ""
-        if task != TASK or modules not in ([], [MODULE]) or name not in self._program.names:
-            raise Refusal(400, SYMBOL_NOT_FOUND, f"RAPID symbol was not found: {path}")
-        return name
+            if method == "GET":
+                state = self._resources.get(path)
+                return 200, {"_links": links, "_embedded": {"_state": state}}, {}
+            form = {k: v[0] for k, v in parse_qs(body).items()}
+            self._resources.post(path, query.get("action", ""), form)
+        except Refusal as refusal:
+            status = {"code": refusal.code, "msg": str(refusal)}
+            return refusal.status, {"_links": links, "_embedded": {"status": status}}, {}
+        return 204, None, {}
 
 
-def _handler(resources: RwsResources, guard: DigestGuard) -> type[BaseHTTPRequestHandler]:
+def _handler(version: Version, server: RwsServer) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
         timeout = IDLE_S
@@ -137,26 +135,29 @@ def _handler(resources: RwsResources, guard: DigestGuard) -> type[BaseHTTPReques
             if body is None:
                 self.close_connection = True
                 self._answer(400, None)
-            elif not guard.allows(self.command, self.path, self.headers.get("Authorization") or ""):
-                self._answer(401, None, {"WWW-Authenticate": guard.challenge()})
+                return
+            trouble = server.troubles(self.command, self.path)
+            if trouble == Trouble.HANGS:
+                server.stopping.wait(HANG_S)
+            if trouble in (Trouble.LOST, Trouble.HANGS):
+                self.close_connection = True
+            elif trouble == Trouble.BUSY:
+                self._answer(503, None)
             else:
-                self._act(body)
+                self._obey(body, trouble)
 
-        def _act(self, body: str) -> None:
-            url = urlsplit(self.path)
-            query = {k: v[0] for k, v in parse_qs(url.query).items()}
-            links = {"base": {"href": f"http://{self.headers.get('Host', '')}/"}}
-            try:
-                if self.command == "GET":
-                    state = resources.get(url.path)
-                    self._answer(200, {"_links": links, "_embedded": {"_state": state}})
-                else:
-                    form = {k: v[0] for k, v in parse_qs(body).items()}
-                    resources.post(url.path, query.get("action", ""), form)
-                    self._answer(204, None)
-            except Refusal as refusal:
-                status = {"code": refusal.code, "msg": str(refusal)}
-                self._answer(refusal.status, {"_links": links, "_embedded": {"status": status}})
+        def _obey(self, body: str, trouble: Trouble) -> None:
+            proof = self.headers.get("Authorization") or ""
+            if version.allows(self.command, self.path, proof):
+                url = urlsplit(self.path)
+                query = {k: v[0] for k, v in parse_qs(url.query).items()}
+                answer = version.act(self.command, url.path, query, body, self.headers)
+            else:
+                answer = 401, None, {"WWW-Authenticate": version.challenge()}
+            if trouble == Trouble.ANSWER_LOST:
+                self.close_connection = True
+            else:
+                self._answer(*answer)
 
         def _body(self) -> str | None:
             try:
@@ -194,15 +195,38 @@ class RwsServer:
 
     Attributes:
         port: where it listens.
+        url: the same as an address.
+        troubles: what happens to requests; may be replaced at any time.
+        stopping: set when it ends.
     """
 
-    def __init__(self, program: RapidProgram, user: str, password: str, port: int = 0) -> None:
-        """Bind; 0: any port.
+    def __init__(
+        self,
+        program: RapidProgram,
+        user: str,
+        password: str,
+        port: int = 0,
+        version: int = 1,
+        certificate: str = "",
+    ) -> None:
+        """Bind.
+
+        Args:
+            program: of the controller.
+            user: that may log in.
+            password: of the user.
+            port: 0 for any.
+            version: of Robot Web Services, 1 or 2.
+            certificate: PEM file with certificate and key, for https; empty: http.
 
         Raises:
             RwsServerError: if the port is taken.
         """
-        handler = _handler(RwsResources(program), DigestGuard(user, password))
+        resources = RwsResources(program)
+        spoken: Version = (Rws1 if version == 1 else Rws2)(resources, user, password)
+        self.troubles: Troubles = no_trouble
+        self.stopping = threading.Event()
+        handler = _handler(spoken, self)
         try:
             self._server = _Server(("127.0.0.1", port), handler)
         except OSError as error:
@@ -210,6 +234,11 @@ class RwsServer:
                 f"rws port: expected a free TCP port, got {port} ({error.strerror}); "
                 "is another device simulator running?"
             ) from error
+        if certificate:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.load_cert_chain(certificate)
+            self._server.socket = context.wrap_socket(self._server.socket, server_side=True)
+        self.url = f"http{'s' if certificate else ''}://127.0.0.1:{self._server.server_address[1]}"
         self.port: int = self._server.server_address[1]
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(0.05,), name="rws", daemon=True
@@ -221,6 +250,7 @@ class RwsServer:
 
     def stop(self) -> None:
         """End, within a second."""
+        self.stopping.set()
         if self._thread.is_alive():
             self._server.shutdown()
             self._thread.join(timeout=1.0)
