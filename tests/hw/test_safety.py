@@ -271,6 +271,21 @@ def test_current_at_its_limit_for_long(loaded):
     assert guard.fault.limb == limb
 
 
+@pytest.mark.parametrize("current_a", [1.0, 3.0])
+def test_cable_without_a_zero_is_stopped_by_its_speed(rig, card, plant_config, current_a):
+    bench = RigInOneProcess(rig, card, plant_config, seed=4)
+    bench.run(0.3)
+    bench.mode, bench.controllers_alive = OperatingMode.FREE_MOVING, False
+    while bench.guard.fault is None and bench.now_s < 1.0:
+        bench.cycle()
+        bench.guard.command(np.arange(8), np.full(8, current_a), bench.now_s)
+        bench.write(bench.guard.output(bench.mode))
+    assert bench.guard.fault.name == "cable_speed"
+    bench.run(0.2)
+    assert bench.plant.tension.max() < 40.0
+    assert not bench.plant.enabled
+
+
 def test_emergency_stop_cuts_unloading_short(loaded):
     loaded.plant.inject("gauge_nan")
     loaded.run(0.02)
@@ -280,6 +295,11 @@ def test_emergency_stop_cuts_unloading_short(loaded):
     assert not loaded.plant.current.any()
     assert not loaded.plant.enabled
     loaded.mode = OperatingMode.STOPPED
+    loaded.run(0.005)
+    assert not loaded.plant.enabled, "at rest amplifiers are off"
+    loaded.plant.inject("none")
+    loaded.run(0.005)
+    loaded.mode = OperatingMode.FREE_MOVING
     loaded.run(0.005)
     assert loaded.plant.enabled
 

@@ -15,6 +15,7 @@ class FaultName(str, Enum):
 
     # Found by the bridge in what it samples; its reactions are in cabols_hw.safety.faults.
     TENSION = "tension"
+    CABLE_SPEED = "cable_speed"
     WRENCH = "wrench"
     ESTIMATE = "estimate"
     SENSOR_INVALID = "sensor_invalid"

@@ -150,6 +150,11 @@ class Bridge:
         )
 
     @property
+    def limbs(self) -> Any:
+        """(n,) records of LIMB_READING: what is remembered of each limb; a view."""
+        return self._work["limbs"][0]
+
+    @property
     def current(self) -> FloatArray:
         """(n,) currents that the newest volts() stand for [A]."""
         return self._volts * self._card.amperes_per_volt

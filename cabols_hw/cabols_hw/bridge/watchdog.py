@@ -34,12 +34,29 @@ def merge_into(
     return True
 
 
+@njit(cache=True)
+def oldest_age(now_s: float, newest: FloatArray) -> float:
+    """Return the age of the oldest of (n,) commands [s]; those that never came (NaN) do not count.
+
+    Args:
+        now_s: now [s].
+        newest: (n,) [s].
+    """
+    oldest = 0.0
+    for i in range(newest.shape[0]):
+        age = now_s - newest[i]
+        if age > oldest:
+            oldest = age
+    return float(oldest)
+
+
 class CommandWatchdog:
     """Decides whether the newest currents may still be on the amplifiers.
 
     Attributes:
         newest: (n,) time of the sample before each limb's newest command [s]; NaN before the first.
         fault: why the outputs must be zero; empty while commands are fresh.
+        silent: whether a limb's newest command is older than half the timeout.
     """
 
     def __init__(self, limbs: int, timeout_s: float) -> None:
@@ -47,6 +64,7 @@ class CommandWatchdog:
         self._timeout = timeout_s
         self.newest = np.full(limbs, np.nan)
         self.fault = ""
+        self.silent = False
 
     def feed(self, now_s: float, limbs: IntArray) -> None:
         """Note a command for some limbs that arrived after the sample at now_s.
@@ -67,10 +85,12 @@ class CommandWatchdog:
             at_rest: whether the mode is STOPPED.
         """
         if at_rest:
-            self.fault = ""
+            self.fault, self.silent = "", False
             return True
-        stale = now_s - self.newest > self._timeout
-        if stale.any() and not self.fault:
+        age_s = oldest_age(now_s, self.newest)
+        self.silent = age_s > 0.5 * self._timeout
+        if age_s > self._timeout and not self.fault:
+            stale = now_s - self.newest > self._timeout
             self.fault = (
                 f"no motor_current for {limb_names(np.flatnonzero(stale))} for "
                 f"{1e3 * self._timeout:.0f} ms: zero current; is the limb controller running?"

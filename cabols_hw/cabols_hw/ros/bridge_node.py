@@ -178,7 +178,7 @@ class BridgeNode(ControlNode):
         if self.lockstep:
             return True
         if mode not in MOVING or guard.fault is not None:
-            return not guard.unloading.active
+            return not guard.recovering
         if mode != OperatingMode.UNLOADING and self._newest_s - self._end_asked_s > HELP_S:
             guard.ending = True
         return False

@@ -20,9 +20,14 @@ class SafetyConfig:
     """Limits of the rig; beyond them the bridge unloads or cuts by itself.
 
     Attributes:
-        tension_max: of a limb's estimate [N].
+        tension_max: of a limb's estimate, also of the one that it will reach before its motor can
+            be stopped [N].
+        cable_speed: of any limb [m/s].
+        search_speed: at which a limb without a zero winds in [m/s].
+        search_length: that a limb whose switch has not moved since the start may wind in [m].
         current_saturated: longest time of a current at its limit [s].
-        wrench_max: (6,) of the sensor, platform axes [N, N m].
+        wrench_max: (6,) of the sensor, platform axes; without load also of force and torque in
+            all [N, N m].
         estimate_force: largest difference between sensor and tension estimates [N].
         estimate_torque: likewise [N m].
         estimate_time: longest time of a larger difference [s].
@@ -40,8 +45,8 @@ class SafetyConfig:
         cable_time: longest time of such an estimate [s].
         switch_payout: a switch that is still closed after so much cable was paid out in
             PRETIGHTENING is stuck [m].
-        pretension_force: growth of the sensor's force in PRETIGHTENING; more means that a switch
-            does not close and its limb keeps winding in [N].
+        pretension_force: growth of the sensor's force while limbs search for their switches; more
+            means that a switch does not close and its limb keeps winding in [N].
         encoder_jump: change of a cable's speed between two samples [m/s].
         motion_current: part of the current that the motor's motion does not explain [A].
         motion_time: longest time of motion_current [s].
@@ -52,6 +57,9 @@ class SafetyConfig:
     wrench_max: list[Large]
     position_range: list[Large]
     tension_max: Positive = 145.0
+    cable_speed: Positive = 2.0
+    search_speed: Positive = 0.2
+    search_length: Positive = 0.06
     current_saturated: Positive = 0.1
     estimate_force: Positive = 30.0
     estimate_torque: Positive = 5.0

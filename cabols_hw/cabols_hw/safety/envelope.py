@@ -10,7 +10,7 @@ from cabols_control.rig import Rig
 from cabols_control.supervision.faults import OVERLOAD, FaultName
 from cabols_control.supervision.modes import LOADED, MOVING, OperatingMode
 from cabols_hw.bridge.bridge import Bridge
-from cabols_hw.safety import rules
+from cabols_hw.safety import limb_rules, rules
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import AXES, BridgeFault, same_kind
 from cabols_hw.safety.pose import PoseWatch
@@ -18,6 +18,8 @@ from cabols_hw.safety.rules import Rule
 
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
+SEARCHING = (OperatingMode.PRETIGHTENING, OperatingMode.FREE_MOVING)
+"""Modes in which limbs without a zero wind in until their switches close."""
 LONGEST_STEP_S = 0.005
 """Longest gap between samples over which speeds continue; most time that one sample counts [s]."""
 
@@ -26,7 +28,8 @@ class SafetyEnvelope:
     """Compares every sample and every pose with the rig's limits.
 
     Attributes:
-        fault: first broken rule, kept until the mode is STOPPED; None without one.
+        fault: first broken rule, or a later one whose reaction is harder; kept until the mode is
+            STOPPED; None without one.
     """
 
     def __init__(self, rig: Rig, config: SafetyConfig, current_limit: float) -> None:
@@ -39,18 +42,20 @@ class SafetyEnvelope:
         """
         n = rig.geometry.cables
         self._config = config
-        self._limb_limits = np.zeros(1, rules.LIMB_LIMITS)
-        self._limb_limits["current_limit"] = current_limit
-        for name in set(rules.LIMB_LIMITS.names or ()) - {"current_limit"}:
-            self._limb_limits[name] = getattr(config, name)
-        self._limbs = np.zeros(n, rules.LIMB_WATCH)
+        limits = self._limb_limits = np.zeros(1, limb_rules.LIMB_LIMITS)
+        for name in limits.dtype.names or ():
+            limits[name] = getattr(config, name, 0.0)
+        limits["current_limit"], limits["stiffness"] = current_limit, rig.limbs.stiffness
+        limits["switch_elongation"] = rig.limbs.switch_tension / rig.limbs.stiffness
+        self._limbs = np.zeros(n, limb_rules.LIMB_WATCH)
+        self._limbs["slack_stretch"] = np.nan
         self._limbs["gain"], self._limbs["time_constant"] = rig.limbs.gain, rig.limbs.time_constant
         self._limbs["last_speed"] = self._limbs["began"] = np.nan
         self._wrench_watch = np.zeros(1, rules.WRENCH_WATCH)
         for name in ("wrench_max", "estimate_force", "estimate_torque", "estimate_time"):
             self._wrench_watch[name] = getattr(config, name)
         self._wrench_max = np.array(config.wrench_max)
-        self._pretightening = False
+        self._mode = OperatingMode.STOPPED
         self._relief_left_s = 0.0
         self._lowest_force = np.inf
         self._last_volts = np.full(6, np.nan)
@@ -59,26 +64,45 @@ class SafetyEnvelope:
         self._pose = PoseWatch(rig, config)
         self.fault: BridgeFault | None = None
 
-    def judge(self, now_s: float, bridge: Bridge, mode: OperatingMode) -> BridgeFault | None:
+    @property
+    def tension_bound(self) -> FloatArray:
+        """(n,) the most that each limb can pull by all that is known of it [N].
+
+        With a zero it is the estimate; without one, what the switch showed when it last moved, or
+        a slack cable at the start, and the motion since then.
+        """
+        bound: FloatArray = self._limbs["bound"]
+        return bound
+
+    @property
+    def speed(self) -> FloatArray:
+        """(n,) of the motors, winding in [m/s]; 0 where it is not known."""
+        speed: FloatArray = np.nan_to_num(self._limbs["last_speed"])
+        return speed
+
+    def judge(
+        self, now_s: float, bridge: Bridge, mode: OperatingMode, recovers: bool = False
+    ) -> BridgeFault | None:
         """Compare one sample, just taken by the bridge, with all rules.
 
         Args:
             now_s: the sample's time on the card's clock [s].
             bridge: with the sample's values and the currents on the amplifiers.
             mode: operating mode. At rest nothing moves: only the sensor is judged then.
+            recovers: whether the bridge itself moves limbs, whatever the mode.
 
         Returns:
             The fault in force.
         """
         dt_s = now_s - self._last_s
         self._last_s = now_s
-        fault = self._find(now_s, dt_s, bridge, mode)
+        fault = self._find(now_s, dt_s, bridge, mode, recovers)
         stopped = mode == OperatingMode.STOPPED
         if stopped:
             self._pose.rest()
-        if (stopped or self._relieves(mode)) and not same_kind(self.fault, fault):
+        if (stopped or self.relieves(mode)) and not same_kind(self.fault, fault):
             self.fault = None
-        self.fault = self.fault or fault
+        self.trip(fault)
         return self.fault
 
     def warm_up(self, bridge: Bridge) -> None:
@@ -90,39 +114,45 @@ class SafetyEnvelope:
             bridge.tension,
             bridge.structure,
             bridge.rotation,
+            self._limbs,
         )
 
-    def trip(self, fault: BridgeFault) -> None:
-        """Accept a fault that was found elsewhere; the first one stays."""
-        self.fault = self.fault or fault
+    def trip(self, fault: BridgeFault | None) -> None:
+        """Accept a fault; of two the one with the harder reaction stays, else the first."""
+        if fault is not None and (self.fault is None or fault.reaction > self.fault.reaction):
+            self.fault = fault
 
     def _find(
-        self, now_s: float, dt_s: float, bridge: Bridge, mode: OperatingMode
+        self, now_s: float, dt_s: float, bridge: Bridge, mode: OperatingMode, recovers: bool
     ) -> BridgeFault | None:
-        moving = mode in MOVING
-        if not moving or not 0.0 < dt_s <= LONGEST_STEP_S:
-            rules.forget_motion(bridge.wound_length, self._limbs)
-            if not moving:
-                for name in ("cable_s", "current_s", "motion_s"):
-                    self._limbs[name] = 0.0
+        moving = mode in MOVING or recovers
+        if not 0.0 < dt_s <= LONGEST_STEP_S:
+            limb_rules.forget_motion(bridge.wound_length, self._limbs)
             if moving and dt_s > self._config.state_age:
                 return BridgeFault(
                     FaultName.STATE_AGE,
                     f"{1e3 * dt_s:.0f} ms without a sample, "
                     f"{1e3 * self._config.state_age:.0f} ms allowed",
                 )
-        self._note_pretightening(bridge, mode)
+        self._note_search(bridge, mode)
         sensor = self._judge_sensor(dt_s, bridge)
         if not moving:
             self._note_overload(sensor, bridge)
-        if not moving or not dt_s > 0.0:
+        if self._pose.anew:
+            # As at a start: nothing is known of cables that were held while the robot was set up.
+            self._pose.anew = False
+            self._limbs["slack_stretch"] = np.nan
+        if dt_s <= 0.0:
             return sensor
-        dt_s = min(dt_s, LONGEST_STEP_S)
+        dt_s = min(dt_s, LONGEST_STEP_S) if dt_s > 0.0 else LONGEST_STEP_S
+        limbs = self._judge_limbs(dt_s, bridge, moving)
+        if not moving:
+            return sensor
         self._relief_left_s -= dt_s
-        relieves = self._relieves(mode)
+        relieves = self.relieves(mode)
         if relieves and sensor is not None and sensor.name == OVERLOAD:
             sensor = None
-        found = self._judge_limbs(dt_s, bridge) or sensor or self._pose.judge(now_s, mode)
+        found = limbs or sensor or self._pose.judge(now_s, mode)
         if found is None and bridge.tared and not relieves:
             found = self._judge_wrench(dt_s, bridge, mode)
         return found
@@ -133,73 +163,88 @@ class SafetyEnvelope:
         overloaded = beyond or (sensor is not None and sensor.name == OVERLOAD)
         self._relief_left_s = self._config.relief_time if overloaded else 0.0
 
-    def _relieves(self, mode: OperatingMode) -> bool:
+    def relieves(self, mode: OperatingMode) -> bool:
         """Whether FREE_MOVING is removing an overload that it found, the only way out of one.
 
-        It lowers the tensions by encoders and switches, and their limits hold all the time.
+        It lowers the tensions by encoders and switches, and their limits hold all the time. The
+        guard lets limbs pay out only, so that no load grows.
+
+        Args:
+            mode: operating mode.
         """
         return mode == OperatingMode.FREE_MOVING and self._relief_left_s > 0.0
 
-    def _note_pretightening(self, bridge: Bridge, mode: OperatingMode) -> None:
-        """Store the limbs' positions at the start of PRETIGHTENING."""
+    def _note_search(self, bridge: Bridge, mode: OperatingMode) -> None:
+        """Forget the lowest force of another mode; store where PRETIGHTENING began."""
+        if mode == self._mode:
+            return
+        self._mode, self._lowest_force = mode, np.inf
         pretightening = mode == OperatingMode.PRETIGHTENING
-        if pretightening != self._pretightening:
-            self._limbs["began"] = bridge.wound_length if pretightening else np.nan
-            self._lowest_force = np.inf
-            self._pretightening = pretightening
+        self._limbs["began"] = bridge.wound_length if pretightening else np.nan
 
-    def _judge_limbs(self, dt_s: float, bridge: Bridge) -> BridgeFault | None:
-        rule, i = rules.judge_limbs(
+    def _judge_limbs(self, dt_s: float, bridge: Bridge, acts: bool) -> BridgeFault | None:
+        self._limb_limits["acts"] = acts
+        rule, i = limb_rules.judge_limbs(
             dt_s,
             self._limb_limits,
             self._limbs,
+            bridge.limbs,
             bridge.wound_length,
             bridge.tension,
             bridge.current,
             bridge.switch_closed,
-            bridge.zeroed,
         )
         if rule == Rule.FINE:
             return None
-        config, tension = self._config, float(bridge.tension[i])
-        if rule == Rule.ENCODER:
-            return BridgeFault(
-                FaultName.ENCODER,
-                f"{limb_name(i)}: jumped to {self._limbs['last_speed'][i]:.1f} m/s",
-                i,
-            )
-        if rule == Rule.TENSION:
-            return BridgeFault(
-                FaultName.TENSION,
-                f"{limb_name(i)} pulls {tension:.1f} N, {config.tension_max:g} N allowed",
-            )
         if rule == Rule.CABLE:
             return self._cable_or_switch(i, bridge)
-        if rule == Rule.SWITCH:
-            payout = 1e3 * config.switch_payout
-            return BridgeFault(
+        limb, config = self._limbs[i], self._config
+        bound, ahead = float(limb["bound"]), max(float(limb["ahead"]), 0.0)
+        name, reason = {
+            Rule.ENCODER: (FaultName.ENCODER, f"jumped to {limb['last_speed']:.1f} m/s"),
+            Rule.TENSION: (
+                FaultName.TENSION,
+                f"pulls {bound:.1f} N, and {bound + ahead:.1f} N before its motor can be stopped; "
+                f"{config.tension_max:g} N allowed",
+            ),
+            Rule.CABLE_SPEED: (
+                FaultName.CABLE_SPEED,
+                f"winds at {limb['last_speed']:.2f} m/s, {config.cable_speed:g} m/s allowed, and "
+                f"{config.search_speed:g} m/s inwards without a zero",
+            ),
+            Rule.SEARCH: (
                 FaultName.SWITCH,
-                f"{limb_name(i)}: closed after paying out {payout:.0f} mm: stuck?",
-                i,
-            )
-        if rule == Rule.CURRENT:
-            limit = self._limb_limits["current_limit"][0]
-            return BridgeFault(
+                f"wound in {1e3 * config.search_length:.0f} mm and its switch has not moved: "
+                "is it, its wire or its supply broken, or the cable too slack? Check the switch, "
+                "take up the slack by hand, then start the bridge again",
+            ),
+            Rule.SWITCH: (
+                FaultName.SWITCH,
+                f"closed after paying out {1e3 * config.switch_payout:.0f} mm: stuck?",
+            ),
+            Rule.CURRENT: (
                 FaultName.CURRENT,
-                f"{limb_name(i)}: at its limit of {limit:g} A for "
+                f"at its limit of {self._limb_limits['current_limit'][0]:g} A for "
                 f"{1e3 * config.current_saturated:.0f} ms",
-                i,
-            )
-        return BridgeFault(
-            FaultName.MOTION,
-            f"{limb_name(i)}: more than {config.motion_current:g} A are not in its motion; "
-            "jammed, a slipping encoder or an amplifier's offset?",
-            i,
-        )
+            ),
+            Rule.MOTION: (
+                FaultName.MOTION,
+                f"more than {config.motion_current:g} A are not in its motion; jammed, a slipping "
+                "encoder or an amplifier's offset?",
+            ),
+        }[Rule(rule)]
+        return BridgeFault(name, f"{limb_name(i)}: {reason}", -1 if rule == Rule.TENSION else i)
 
     def _cable_or_switch(self, i: int, bridge: Bridge) -> BridgeFault:
         """Distinguish a broken cable, whose force is missing, from a switch that is stuck open."""
-        tension = float(bridge.tension[i])
+        tension = float(self._limbs["bound"][i])
+        if not bridge.zeroed[i]:
+            return BridgeFault(
+                FaultName.SWITCH,
+                f"{limb_name(i)}: open, but since it last moved the limb has wound in to "
+                f"{tension:.1f} N: is the switch or its wire broken? Check it first",
+                i,
+            )
         column = bridge.structure[:3, i]
         measured = bridge.rotation @ bridge.wrench[:3]
         missing = float(column @ (bridge.structure[:3] @ bridge.tension - measured))
@@ -248,11 +293,7 @@ class SafetyEnvelope:
         )
 
     def _judge_wrench(self, dt_s: float, bridge: Bridge, mode: OperatingMode) -> BridgeFault | None:
-        if mode == OperatingMode.PRETIGHTENING:
-            return self._judge_pretension(bridge)
-        if mode not in BY_TENSION or not bridge.zeroed.all():
-            self._wrench_watch["apart_s"] = 0.0
-            return None
+        self._wrench_watch["in_all"] = mode not in LOADED
         rule, axis = rules.judge_wrench(
             dt_s,
             self._wrench_watch,
@@ -260,14 +301,20 @@ class SafetyEnvelope:
             bridge.tension,
             bridge.structure,
             bridge.rotation,
+            self._limbs,
         )
         if rule == Rule.WRENCH:
             kind, unit = ("force", "N") if axis < 3 else ("torque", "N m")
             return BridgeFault(
                 FaultName.WRENCH,
-                f"{kind} {AXES[axis % 3]} is {bridge.wrench[axis]:.1f} {unit}, "
-                f"{self._wrench_max[axis]:g} {unit} allowed",
+                f"{kind} {AXES[axis % 3]} is {bridge.wrench[axis]:.1f} {unit}, or will be more "
+                f"before the motors can be stopped; {self._wrench_max[axis]:g} {unit} allowed",
             )
+        if mode in SEARCHING and not bridge.zeroed.all():
+            return self._judge_search(bridge, mode)
+        if mode not in BY_TENSION or not bridge.zeroed.all():
+            self._wrench_watch["apart_s"] = 0.0
+            return None
         if rule == Rule.ESTIMATE:
             return BridgeFault(
                 FaultName.ESTIMATE,
@@ -276,7 +323,7 @@ class SafetyEnvelope:
             )
         return None
 
-    def _judge_pretension(self, bridge: Bridge) -> BridgeFault | None:
+    def _judge_search(self, bridge: Bridge, mode: OperatingMode) -> BridgeFault | None:
         """Find a limb that keeps winding in because its switch does not close.
 
         A load that the gears hold since a cut is present from the start: only the growth over the
@@ -285,14 +332,14 @@ class SafetyEnvelope:
         force = bridge.rotation @ bridge.wrench[:3]
         size = float(np.linalg.norm(force))
         self._lowest_force = min(self._lowest_force, size)
-        if size - self._lowest_force <= self._config.pretension_force or bridge.zeroed.all():
+        if size - self._lowest_force <= self._config.pretension_force:
             return None
         # Of the limbs whose switch is still open, the one that pulls in this direction.
         along = np.where(bridge.zeroed, -np.inf, bridge.structure[:3].T @ force)
         i = int(np.argmax(along))
         return BridgeFault(
             FaultName.SWITCH,
-            f"{limb_name(i)}: the pull has grown to {size:.0f} N in PRETIGHTENING, by more than "
+            f"{limb_name(i)}: the pull has grown to {size:.0f} N in {mode.name}, by more than "
             f"{self._config.pretension_force:g} N, and its switch is open: stuck?",
             i,
         )

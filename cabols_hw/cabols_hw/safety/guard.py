@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from cabols_control.checks import FloatArray, IntArray
+from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.rig import Rig
 from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
+from cabols_hw.bridge.braking import Braking, Yielding, pay_out_only
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.bridge.unloading import Unloading
 from cabols_hw.bridge.watchdog import CommandWatchdog, merge_into
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.envelope import SafetyEnvelope
-from cabols_hw.safety.faults import BridgeFault, Reaction
+from cabols_hw.safety.faults import BRAKED, POSE_LOST, BridgeFault, Reaction
 
 
 class BridgeGuard:
     """Decides about the amplifiers' currents, whatever the controllers command.
 
+    A reaction has up to three parts, one after the other: motors that wind in are braked; the
+    tensions are ramped down; where the platform's pose is lost, the limbs give way by their
+    switches.
+
     Attributes:
         safety: the envelope; its `fault` is the one in force.
+        braking: of motors that wind in.
         unloading: the bridge's own unloading.
+        yielding: to a platform whose pose is lost.
         ending: set to unload at the next sample, because the process is to end.
     """
 
@@ -33,22 +40,30 @@ class BridgeGuard:
             config: the safety envelope.
             watchdog_s: age of the newest command of a limb that cuts all currents [s].
         """
+        n = rig.geometry.cables
         self.safety = SafetyEnvelope(rig, config, rig.control.current_limit)
+        self.braking = Braking(rig)
         self.unloading = Unloading(rig)
-        self._watchdog = CommandWatchdog(rig.geometry.cables, watchdog_s)
-        self._commanded = np.zeros(rig.geometry.cables)
-        self._rest = np.zeros(rig.geometry.cables)
+        self.yielding = Yielding(rig)
+        self._watchdog = CommandWatchdog(n, watchdog_s)
+        self._stiffness = rig.limbs.stiffness
+        self._commanded = np.zeros(n)
+        self._rest = np.zeros(n)
+        self._trusted: BoolArray = np.zeros(n, dtype=np.bool_)
+        self._unloads = self._yields = False
+        self._moved = False
         self._emergency = False
         self.ending = False
 
     @property
     def enabled(self) -> bool:
-        """Whether the amplifiers may be on.
+        """Whether the amplifiers may be on: in a mode with currents, and for the bridge's own.
 
-        A cut switches them off: a zero command does not stop an amplifier with an offset.
+        A zero command does not stop an amplifier with an offset.
         """
-        fault = self.fault
-        return not self._emergency and (fault is None or fault.reaction != Reaction.CUT)
+        if self.braking.active or self.unloading.active or self.yielding.active:
+            return True
+        return self._moved and not self._emergency and self.fault is None
 
     @property
     def fault(self) -> BridgeFault | None:
@@ -82,34 +97,64 @@ class BridgeGuard:
         Returns:
             Whether the amplifiers need output() at once, without waiting for a command.
         """
-        before = self.fault
+        before, recovers = self.fault, self._recovers
         self._judge_commands(now_s, mode, card_expired)
-        self.safety.judge(now_s, bridge, mode)
-        fault = self.fault
+        self.safety.judge(now_s, bridge, mode, recovers)
+        fault, moved = self.fault, self._moved
+        self._moved = mode in MOVING
+        if mode == OperatingMode.STOPPED and before is not None:
+            self._rest_all()
         if mode == OperatingMode.STOPPED:
-            self.unloading.stop()
             self._emergency = False
-        if fault is not None and before is None:
-            self._react(fault, now_s, bridge, mode)
-            return True
-        if self.unloading.active:
-            self.unloading.step(now_s, bridge.tension, bridge.elongation)
-            return True
-        return False
+        reacts = fault is not None and fault is not before
+        if fault is not None and reacts:
+            self._react(fault, now_s, bridge, mode, moved or recovers)
+        elif moved and not self._moved and fault is None:
+            # Also a mode that ends leaves no motor to coast.
+            self.braking.begin(now_s)
+        # Silent controllers are the bridge's matter: the card must not expire before it has acted.
+        acted = reacts or recovers or self.braking.active or self._watchdog.silent
+        if acted:
+            self._recover(now_s, bridge)
+        return acted
+
+    @property
+    def recovering(self) -> bool:
+        """Whether the bridge brakes or unloads by itself: its process must not end then."""
+        return self.braking.active or self.unloading.active or self._unloads
+
+    @property
+    def _recovers(self) -> bool:
+        return self.braking.active or self.unloading.active or self.yielding.armed
 
     def output(self, mode: OperatingMode) -> FloatArray:
-        """(n,) currents to put on the amplifiers [A]."""
-        if self.unloading.active:
-            return self.unloading.current
-        if mode not in MOVING or self.fault is not None:
+        """(n,) currents to put on the amplifiers [A].
+
+        Args:
+            mode: newest mode.
+        """
+        for recovery in (self.braking, self.unloading):
+            if recovery.active:
+                return recovery.current
+        if self.yielding.armed:
+            return self.yielding.current
+        if mode not in MOVING or self.fault is not None or self._emergency:
             self._commanded[:] = 0.0
             return self._rest
+        if self.safety.relieves(mode):
+            return pay_out_only(self._commanded, self.safety.speed)
         return self._commanded
 
     def emergency_stop(self) -> None:
         """Cut, also an unloading of another fault; holds until STOPPED."""
         self._emergency = True
+        self._rest_all()
+
+    def _rest_all(self) -> None:
+        self.braking.stop()
         self.unloading.stop()
+        self.yielding.stop()
+        self._unloads = self._yields = False
 
     def _judge_commands(self, now_s: float, mode: OperatingMode, card_expired: bool) -> None:
         at_rest = mode not in MOVING
@@ -117,15 +162,55 @@ class BridgeGuard:
             self.safety.trip(BridgeFault(FaultName.ENDING, "asked to end, and nobody unloads"))
         if not self._watchdog.check(now_s, at_rest):
             self.safety.trip(BridgeFault(FaultName.COMMAND_AGE, self._watchdog.fault))
-        if card_expired and not at_rest:
+        if card_expired and (self._recovers or not at_rest):
             self.safety.trip(
                 BridgeFault(FaultName.CARD, "the card's own watchdog has zeroed the outputs")
             )
 
-    def _react(self, fault: BridgeFault, now_s: float, bridge: Bridge, mode: OperatingMode) -> None:
-        if fault.reaction != Reaction.UNLOAD or mode not in MOVING:
+    def _react(
+        self, fault: BridgeFault, now_s: float, bridge: Bridge, mode: OperatingMode, moved: bool
+    ) -> None:
+        """Begin the reaction to a new fault, or to a harder one in place of another's.
+
+        Args:
+            fault: in force.
+            now_s: of the sample [s].
+            bridge: that took it.
+            mode: newest mode.
+            moved: whether limbs moved when it was found.
+        """
+        self._rest_all()
+        if not (moved or mode in MOVING):
             return
-        trusted = bridge.zeroed.copy()
-        if fault.limb >= 0:
-            trusted[fault.limb] = False
-        self.unloading.begin(now_s, bridge.tension, bridge.elongation, trusted)
+        self._trusted = np.isfinite(self.safety.tension_bound)
+        if fault.limb >= 0 and bridge.zeroed[fault.limb]:
+            # Its zero may be wrong. Without one the limb only pays out by its encoder.
+            self._trusted[fault.limb] = False
+        self._unloads = fault.reaction == Reaction.UNLOAD
+        # In FREE_MOVING the robot may move on, and a switch needs neither pose nor sensor.
+        follows = mode == OperatingMode.FREE_MOVING
+        follows = follows and (self._unloads or fault.name == FaultName.COMMAND_AGE)
+        self._yields = fault.name in POSE_LOST or follows
+        if fault.name in BRAKED:
+            self.braking.begin(now_s, fault.limb if fault.name == FaultName.ENCODER else -1)
+
+    def _recover(self, now_s: float, bridge: Bridge) -> None:
+        """Take the reaction's next step."""
+        speed = self.safety.speed
+        if self.braking.active:
+            self.braking.step(now_s, speed)
+        if self.braking.active:
+            return
+        tension = self.safety.tension_bound
+        elongation = tension / self._stiffness
+        if self._unloads:
+            self._unloads = False
+            self.unloading.begin(now_s, tension, elongation, self._trusted)
+        elif self.unloading.active:
+            self.unloading.step(now_s, tension, elongation, speed)
+        if self.unloading.active:
+            return
+        if self._yields:
+            self._yields = False
+            self.yielding.begin(now_s, bridge.wound_length, self._trusted)
+        self.yielding.step(now_s, bridge.switch_closed, bridge.wound_length, speed)

@@ -16,7 +16,12 @@ SPEED_WINDOW_S = 0.02
 
 
 class PoseWatch:
-    """Compares every pose of the platform with the limits; times are of the card's clock."""
+    """Compares every pose of the platform with the limits; times are of the card's clock.
+
+    Attributes:
+        anew: whether a pose at rest did not continue the ones before: the robot was set up anew.
+            Its reader sets it back.
+    """
 
     def __init__(self, rig: Rig, config: SafetyConfig) -> None:
         """Start without a pose.
@@ -34,6 +39,8 @@ class PoseWatch:
         self._window: tuple[float, FloatArray, FloatArray] | None = None
         self._speed = self._turning = 0.0
         self._fault: BridgeFault | None = None
+        self._resting = True
+        self.anew = False
 
     def hear(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
         """Take a platform pose that arrived after the sample at now_s; judged with the next sample.
@@ -47,17 +54,22 @@ class PoseWatch:
             Whether it may be used: a pose beyond the limits would make the tension estimates wrong
             with which the limbs are to be unloaded.
         """
-        self._fault = self._find(now_s, position, rotation)
+        self._fault = self._find_range(position, rotation)
+        jump = self._find_jump(now_s, position, rotation)
+        if self._fault is None and not self._resting:
+            self._fault = jump
         self._newest_s = now_s
         if self._fault is not None:
             return False
+        self.anew = self.anew or jump is not None
+        self._resting = False
         self._place = np.array(position), np.array(rotation)
         self._measure_speed(now_s, *self._place)
         return True
 
     def rest(self) -> None:
         """Accept any next pose: at rest a robot may be set up anew, and nothing moves."""
-        self._place = None
+        self._resting = True
 
     def judge(self, now_s: float, mode: OperatingMode) -> BridgeFault | None:
         """Compare the newest pose, its age and the platform's speed with the limits of a mode.
@@ -95,7 +107,7 @@ class PoseWatch:
             )
         return None
 
-    def _find(self, now_s: float, position: FloatArray, rotation: FloatArray) -> BridgeFault | None:
+    def _find_range(self, position: FloatArray, rotation: FloatArray) -> BridgeFault | None:
         config = self._config
         offset = np.abs(position - self._position)
         if not (offset <= self._range).all():
@@ -111,8 +123,14 @@ class PoseWatch:
                 FaultName.POSE,
                 f"the platform is turned by {angle:.2f} rad, {config.rotation_range:g} rad allowed",
             )
+        return None
+
+    def _find_jump(
+        self, now_s: float, position: FloatArray, rotation: FloatArray
+    ) -> BridgeFault | None:
+        config = self._config
         if self._place is None:
-            return None
+            return BridgeFault(FaultName.POSE, "the platform's first pose")
         elapsed_s = now_s - self._newest_s
         jump = float(np.linalg.norm(position - self._place[0]))
         if not jump <= config.pose_jump + config.speed_free * elapsed_s:

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.supervision.modes import OperatingMode as Mode
 from cabols_hw.safety.faults import Reaction
-from cases import fails_today
 from one_process import MovingTarget
 from rig_harness import Peaks, RigInOneProcess
 
@@ -22,7 +21,6 @@ FORCE_N, TORQUE_NM = 495.0, 15.0
 """The sensor's range."""
 
 
-@fails_today(13, "the way out pulls for its full 3 s, to 800 N")
 @pytest.mark.parametrize("limb", [0, 4])
 def test_way_out_of_an_overload_makes_no_load_larger(make_rig, limb):
     """One switch's wire is broken; reset and FREE_MOVING as docs/safety.md advises."""
@@ -39,7 +37,6 @@ def test_way_out_of_an_overload_makes_no_load_larger(make_rig, limb):
     assert Peaks(bench).run(3.5).tension <= max(before, BOUND_N)
 
 
-@fails_today(13, "cables wind in against each other, 649 N at 15 s")
 def test_supply_of_all_switches_lost(make_rig):
     """All eight lines read open, before PRETIGHTENING."""
     bench = make_rig(seed=1)
@@ -50,7 +47,6 @@ def test_supply_of_all_switches_lost(make_rig):
     assert Peaks(bench).run(8.0).tension <= BOUND_N
 
 
-@fails_today(13, "the robot pulls the cables while the gears hold")
 @pytest.mark.parametrize(("axis", "sign"), [(0, 1.0), (2, -1.0)], ids=["+x", "-z"])
 def test_robot_goes_on_and_its_bridge_dies(make_rig, rig, axis, sign):
     """FREE_MOVING; the robot moves 0.2 m at up to 60 mm/s, and no pose comes any more."""
@@ -68,19 +64,16 @@ def test_robot_goes_on_and_its_bridge_dies(make_rig, rig, axis, sign):
     assert peaks.force <= FORCE_N
 
 
-@fails_today(13, "the amplifiers stay on in STOPPED; nothing reacts")
 @pytest.mark.parametrize("offset_a", [0.3, 1.0])
 def test_amplifier_offset_at_rest(started, offset_a):
     started.plant.inject("amplifier_offset", 0, offset_a)
     assert Peaks(started).run(3.0, hold=Mode.STOPPED).tension <= BOUND_N
 
 
-@fails_today(13, "the limit acts at the limit, without a stopping distance")
 def test_limb_controller_commands_full_current_under_load(loaded):
     assert commanded(loaded, 3, 3.0).tension <= BOUND_N
 
 
-@fails_today(13, "without zeros only the resultant is judged")
 def test_limb_controller_commands_full_current_without_zeros(started):
     started.mode = Mode.FREE_MOVING
     peaks = commanded(started, 0, 2.9)
@@ -130,7 +123,6 @@ def test_encoder_that_loses_counts(loaded):
     assert Peaks(loaded).run(3.0, after=1.2).tension <= BOUND_N
 
 
-@fails_today(13, "the first fault stays; a harder one is not judged")
 def test_harder_fault_overrides_a_softer_one(loaded):
     """The bridge unloads as the pose is silent; 5 ms later an encoder freezes."""
     limb = int(np.argmax(loaded.plant.tension))

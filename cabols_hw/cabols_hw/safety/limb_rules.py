@@ -1,0 +1,241 @@
+"""Compiled rules of the safety envelope about the limbs, applied to every sample in every mode."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from cabols_control.checks import BoolArray, FloatArray
+from cabols_hw.safety.rules import Rule
+
+OBSERVER_RATE = 100.0
+"""Bandwidth of the observer that separates current from motion [1/s]: 10 ms."""
+
+BRAKE_LAG_S = 0.006
+"""From a sample to the whole braking current: two samples, and the ramp of the current."""
+FIRM_S = 0.005
+"""A switch that was open for so long was not merely bouncing when it closes [s]."""
+
+LIMB_LIMITS = np.dtype(
+    [
+        ("acts", np.int64),  # whether currents may flow; else nothing is found
+        ("encoder_jump", np.float64),
+        ("tension_max", np.float64),
+        ("cable_speed", np.float64),
+        ("search_speed", np.float64),
+        ("search_length", np.float64),
+        ("cable_tension", np.float64),
+        ("cable_time", np.float64),
+        ("stiffness", np.float64),  # k_e [N/m]
+        ("switch_elongation", np.float64),  # where a switch closes [m]
+        ("current_limit", np.float64),  # of the bridge [A]
+        ("current_saturated", np.float64),
+        ("motion_current", np.float64),
+        ("motion_time", np.float64),
+        ("switch_payout", np.float64),
+    ],
+    align=True,
+)
+"""Limits of the limbs' rules, as in SafetyConfig."""
+
+LIMB_WATCH = np.dtype(
+    [
+        ("gain", np.float64),  # k [m/s/A]
+        ("time_constant", np.float64),  # T [s]
+        ("began", np.float64),  # wound length at PRETIGHTENING's begin [m]; NaN in other modes
+        ("last_wound", np.float64),  # of the sample before [m]
+        ("last_speed", np.float64),  # of the sample before [m/s]; NaN if unknown
+        ("observed", np.float64),  # the observer's speed [m/s]
+        ("cable_s", np.float64),  # how long the switch has contradicted the estimate [s]
+        ("current_s", np.float64),  # how long the current has been at its limit [s]
+        ("motion_s", np.float64),  # how long current has been missing from the motion [s]
+        ("open_s", np.float64),  # how long the switch has been open [s]; 0: it is closed
+        ("slack_stretch", np.float64),  # stretch at which the cable would be slack [m]; NaN: start
+        ("proven", np.int64),  # whether the switch has shown that, not only the start
+        ("bound", np.float64),  # largest tension that fits all of that [N]
+        ("ahead", np.float64),  # tension that is added until the motor can be stopped [N]
+    ],
+    align=True,
+)
+"""Model and memory of one limb."""
+
+
+@njit(cache=True)
+def forget_motion(wound: FloatArray, watch: Any) -> None:
+    """Reset the speeds to rest, e.g. after a gap in the samples.
+
+    Args:
+        wound: (n,) wound length [m].
+        watch: (n,) records of LIMB_WATCH; updated.
+    """
+    for i in range(wound.shape[0]):
+        watch[i]["last_wound"] = wound[i]
+        watch[i]["last_speed"] = np.nan
+        watch[i]["observed"] = 0.0
+
+
+@njit(cache=True)
+def _track_slack(own: Any, most: Any, reading: Any, closed: bool, dt_s: float) -> None:
+    """Keep the stretch at which a limb's cable would be slack, and so the most that it can pull.
+
+    It holds in every mode, with and without a zero. At the start a cable counts as slack. A switch
+    that closes shows its own tension; one that opens may be a broken wire, so it only counts where
+    it says that the cable pulls more than was assumed.
+    """
+    stretch = reading["stretch"]
+    here = stretch - most["switch_elongation"]
+    if np.isnan(own["slack_stretch"]):
+        own["slack_stretch"] = here if closed else stretch
+        own["proven"] = 0
+    elif closed and own["open_s"] > 0.0:
+        if own["open_s"] >= FIRM_S or here < own["slack_stretch"]:
+            own["slack_stretch"], own["proven"] = here, 1
+    elif not closed and own["open_s"] == 0.0 and (here < own["slack_stretch"] or not own["proven"]):
+        own["slack_stretch"], own["proven"] = here, 1
+    own["open_s"] = 0.0 if closed else own["open_s"] + dt_s
+    zero = own["slack_stretch"] if np.isnan(reading["zero"]) else reading["zero"]
+    own["bound"] = most["stiffness"] * (stretch - zero)
+
+
+@njit(cache=True)
+def _stopping_distance(own: Any, current: float, current_limit: float) -> float:
+    """Length that a motor still winds in until full current has stopped it [m].
+
+    Negative while it pays out.
+
+    Args:
+        own: record of LIMB_WATCH.
+        current: on the amplifier [A].
+        current_limit: with which it is braked [A].
+    """
+    drive = own["gain"] / own["time_constant"]
+    speed = own["last_speed"]
+    if np.isnan(speed):
+        speed = 0.0
+    if speed >= 0.0:
+        speed += max(drive * current, 0.0) * 0.5 * BRAKE_LAG_S
+    return float(speed * BRAKE_LAG_S + 0.5 * speed * abs(speed) / (drive * current_limit))
+
+
+@njit(cache=True)
+def _rule_of(
+    own: Any, most: Any, zeroed: bool, closed: bool, tension: float, current: float
+) -> int:
+    """Find the first rule that one limb breaks now, but for an encoder's jump.
+
+    Args:
+        own: record of LIMB_WATCH of this sample.
+        most: record of LIMB_LIMITS.
+        zeroed: whether the estimate counts.
+        closed: the switch.
+        tension: estimate [N].
+        current: on the amplifier [A].
+    """
+    speed, bound, ahead = own["last_speed"], own["bound"], own["ahead"]
+    unexplained = own["motion_s"] > 0.0
+    winds = speed > 0.0 or current > 0.0
+    if zeroed:
+        heavy = not tension <= most["tension_max"] or tension + ahead > most["tension_max"]
+    else:
+        heavy = winds and (own["proven"] or closed) and not bound + ahead <= most["tension_max"]
+    fast = abs(speed) > most["cable_speed"] or (not zeroed and speed > most["search_speed"])
+    if (heavy or fast) and unexplained:
+        # Nobody commands this: no current will stop it.
+        return Rule.MOTION.value
+    if heavy:
+        return Rule.TENSION.value
+    if fast:
+        return Rule.CABLE_SPEED.value
+    searched = bound + ahead > most["search_length"] * most["stiffness"]
+    if searched and winds and not (zeroed or closed or own["proven"]):
+        return Rule.SEARCH.value
+    if own["cable_s"] > most["cable_time"]:
+        return Rule.CABLE.value
+    if own["current_s"] > most["current_saturated"]:
+        return Rule.CURRENT.value
+    if own["motion_s"] > most["motion_time"]:
+        return Rule.MOTION.value
+    return Rule.FINE.value
+
+
+@njit(cache=True)
+def judge_limbs(
+    dt_s: float,
+    limits: Any,
+    watch: Any,
+    readings: Any,
+    wound: FloatArray,
+    tension: FloatArray,
+    current: FloatArray,
+    closed: BoolArray,
+) -> tuple[int, int]:
+    """Follow all limbs by one sample and apply their rules.
+
+    The motor is (3.11): T dv/dt + v = k i. An observer follows the measured speed; its correction
+    of k i is the current that friction, load or a defect takes away.
+
+    Args:
+        dt_s: since the sample before [s].
+        limits: (1,) record of LIMB_LIMITS.
+        watch: (n,) records of LIMB_WATCH; updated.
+        readings: (n,) records of LIMB_READING; the estimate counts where there is a zero.
+        wound: (n,) wound length [m].
+        tension: (n,) estimate [N], NaN before zeroing.
+        current: (n,) on the amplifiers [A].
+        closed: (n,) switches.
+
+    Returns:
+        The broken Rule, or FINE, and the limb.
+    """
+    found, limb, most = Rule.FINE.value, -1, limits[0]
+    acts = most["acts"] != 0
+    for i in range(wound.shape[0]):
+        own, reading = watch[i], readings[i]
+        gain, time_constant = own["gain"], own["time_constant"]
+        zeroed = not np.isnan(reading["zero"])
+        speed = (wound[i] - own["last_wound"]) / dt_s
+        jumped = abs(speed - own["last_speed"]) > most["encoder_jump"]
+        if jumped:
+            # Not the cable moved, but the count.
+            own["slack_stretch"] += dt_s * (speed - own["last_speed"])
+        if np.isnan(own["last_speed"]) or not acts:
+            jumped = False
+            own["observed"] = speed
+        own["last_wound"] = wound[i]
+        own["last_speed"] = speed
+        missing = OBSERVER_RATE * (speed - own["observed"])
+        pull = (gain * current[i] - own["observed"]) / time_constant + missing
+        own["observed"] += dt_s * pull
+        _track_slack(own, most, reading, closed[i], dt_s)
+        own["ahead"] = most["stiffness"] * _stopping_distance(
+            own, current[i], most["current_limit"]
+        )
+        if not acts:
+            own["cable_s"] = own["current_s"] = own["motion_s"] = 0.0
+            continue
+        share = abs(missing) * time_constant / gain / most["motion_current"]
+        broken = (
+            (zeroed or own["proven"])
+            and not closed[i]
+            and not own["bound"] <= most["cable_tension"]
+        )
+        paid_out = own["began"] - wound[i]
+        stuck = closed[i] and not zeroed and paid_out > most["switch_payout"]
+        saturated = abs(current[i]) >= 0.99 * most["current_limit"]
+        own["cable_s"] = own["cable_s"] + dt_s if broken else 0.0
+        own["current_s"] = own["current_s"] + dt_s if saturated else 0.0
+        # The larger the current, the less time it may take.
+        own["motion_s"] = own["motion_s"] + dt_s * share if share > 1.0 else 0.0
+        if found != Rule.FINE:
+            continue
+        if jumped:
+            found, limb = Rule.ENCODER.value, i
+            continue
+        rule = _rule_of(own, most, zeroed, closed[i], tension[i], current[i])
+        if stuck and (rule == Rule.FINE or rule == Rule.CURRENT or rule == Rule.MOTION):
+            rule = Rule.SWITCH.value
+        if rule != Rule.FINE:
+            found, limb = rule, i
+    return found, limb
