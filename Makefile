@@ -113,6 +113,9 @@ bench-design: setup  ## count the loads that an optimal stiffness campaign saves
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_design.py $(ARGS)
 
+bench-campaign: setup  ## 20 seeds of a five-configuration campaign: errors, coverage (hours; goes on where it was)
+	@$(BIN)/python tests/bench/bench_campaign.py $(ARGS)
+
 bench-registration: setup  ## compare the reflectors' registration with its covariance
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_registration.py $(ARGS)
@@ -153,6 +156,9 @@ analyze: setup  ## analyse a campaign's folder or a bag: make analyze ARGS=FOLDE
 bench-analysis: setup  ## memory and time of analysing bags of up to an hour
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_analysis.py $(ARGS)
+
+corpus: setup  ## read files in the forms that others write, and print the table of what is right
+	@$(BIN)/python tests/corpus/check.py
 
 setup:  ## make .venv and build the workspace into it (done by the others when needed)
 	@test -n "$(HOST_PYTHON)" || { echo "setup: no Python found." \

@@ -39,13 +39,19 @@ DEVICES = NodeSpec(
     (),
     (),
     role=Role.SIMULATION,
-    takes=("rig", "fifo_priority", "cpu"),
+    takes=("rig", "fifo_priority", "cpu", "seed"),
     fifo_below=2,
 )
 ARGUMENTS = (
     Argument("plant_file", "", "YAML of the plant; empty: the rig's", kinds=("bench",)),
     Argument("linear", False, "simulate the linear plant", kinds=("bench",)),
-    Argument("seed", 0, "of the simulated rig's noise", kinds=("bench",), bounds=(0, 2147483647)),
+    Argument(
+        "seed",
+        0,
+        "of all noise of the simulated rig",
+        kinds=("bench",),
+        bounds=(0, 2147483647),
+    ),
     Argument("robot", True, "simulate robot and tracker; false: a rigid target", kinds=("bench",)),
     Argument("robot_file", "", "YAML of the robot's truth; empty: the rig's", kinds=("bench",)),
     Argument("truth", False, "publish what no sensor sees", kinds=("bench",)),

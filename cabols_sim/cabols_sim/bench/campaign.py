@@ -217,7 +217,7 @@ def _arguments() -> argparse.Namespace:
     add("--output", type=Path, default=Path("build/campaign"), help="folder (default: %(default)s)")
     add("--campaign", type=existing_file, default="", help="campaign.yaml; default: the rig's")
     add("--accuracy", type=float, default=0.0, help="stop at this relative deviation; 0: never")
-    add("--seed", type=int, default=0, help="of the simulated rig's noise")
+    add("--seed", type=int, default=0, help="of all noise of the simulated rig")
     add(
         "--robot-file",
         type=existing_file,

@@ -84,7 +84,7 @@ def _arguments() -> argparse.Namespace:
     add("--no-step", action="store_true", help="do not identify gain and time constant")
     add("--no-ramp", action="store_true", help="do not identify the stiffness")
     add("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
-    add("--seed", type=int, default=0, help="of the simulated rig's noise")
+    add("--seed", type=int, default=0, help="of all noise of the simulated rig")
     add("--speed", type=float, default=1.0, help="below 1: the rig in slow motion")
     add(
         "--robot",

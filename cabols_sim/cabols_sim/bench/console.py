@@ -83,7 +83,7 @@ def _arguments() -> argparse.Namespace:
         help="its first line is demanded of every visitor",
     )
     add("--rigid", action="store_true", help="a target that never moves: no robot, no tracker")
-    add("--seed", type=int, default=0, help="of the simulated rig's noise")
+    add("--seed", type=int, default=0, help="of all noise of the simulated rig")
     add("--speed", type=float, default=1.0, help="below 1: the rig in slow motion")
     add(
         "--operator-timeout",

@@ -223,7 +223,7 @@ def _arguments() -> argparse.Namespace:
         default="multi_axis",
         help=f"{', '.join(sorted(BUILT_IN))} or a .csv file (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the simulated rig's noise")
+    parser.add_argument("--seed", type=int, default=0, help="of all noise of the simulated rig")
     parser.add_argument(
         "--speed",
         type=float,

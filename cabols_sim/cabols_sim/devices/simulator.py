@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 
 from cabols_control.command_line import CommandParser, command, existing_file, rig_option
 from cabols_control.errors import CabolsError
@@ -20,7 +21,7 @@ from cabols_sim.devices.abb.controller import PASSWORD, USER, AbbController
 from cabols_sim.devices.abb.egm_server import DEFAULT_EGM_PORT
 from cabols_sim.devices.link import DEFAULT_LINK_PORT, DeviceLink
 from cabols_sim.devices.robot.kinematics import load_arm
-from cabols_sim.devices.tracker.config import load_tracker_truth
+from cabols_sim.devices.tracker.config import TrackerTruthConfig, load_tracker_truth
 from cabols_sim.devices.tracker.server import TrackerServer
 
 DEFAULT_RWS_PORT = 6580
@@ -59,7 +60,7 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--password", default=PASSWORD, help="of RWS")
     add("--cpu", type=int, default=-1, help="core to run on; -1: any")
     add("--fifo_priority", type=int, default=0, help="SCHED_FIFO priority; 0: none")
-    add("--seed", type=int, default=0, help="of lost packets")
+    add("--seed", type=int, default=0, help="of lost packets; added to that of the tracker's file")
     given = list(sys.argv[1:] if arguments is None else arguments)
     # `ros2 launch` adds arguments for a node, which this is not.
     return parser.parse_args(given[: given.index("--ros-args")] if "--ros-args" in given else given)
@@ -69,9 +70,13 @@ def _tracker(link: DeviceLink, options: argparse.Namespace) -> TrackerServer | N
     """Return the tracker's server, or None where it is not wanted."""
     if options.no_tracker:
         return None
-    return TrackerServer(
-        link, load_tracker_truth(options.rig, options.tracker_file), options.tracker_port
-    )
+    return TrackerServer(link, tracker_truth(options), options.tracker_port)
+
+
+def tracker_truth(options: argparse.Namespace) -> TrackerTruthConfig:
+    """The simulated tracker; the seed of the command line is added to that of its file."""
+    truth = load_tracker_truth(options.rig, options.tracker_file)
+    return replace(truth, seed=truth.seed + int(options.seed))
 
 
 @command
