@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
@@ -11,12 +12,15 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 from scipy.spatial.transform import Rotation
 
-from cabols_control.checks import FloatArray
+from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import ConfigError
 
 TURNING = ("revolute", "continuous")
+SLIDING = "prismatic"
 FLANGES = ("tool0", "flange")
 """Links that are taken for the flange where an arm has several ends; ROS-Industrial's names."""
+NO_FLANGE = ("camera", "optical", "lidar", "laser", "imu", "sensor", "finger", "gripper")
+"""Words in the names of links that are never taken for the flange unasked."""
 
 
 class NotSerialError(ConfigError):
@@ -25,7 +29,7 @@ class NotSerialError(ConfigError):
 
 @dataclass(frozen=True, eq=False)
 class SerialArm:
-    """An arm of n joints that turn.
+    """An arm of n joints, which turn; on request also such that slide.
 
     Attributes:
         name: of the robot.
@@ -33,7 +37,8 @@ class SerialArm:
         origins: (n, 3) of each joint, in the axes of the joint before it; the first: the base [m].
         rotations: (n, 3, 3) from each joint's axes, at angle zero, to those of the one before it.
         axes: (n, 3) unit vectors, in the joints' own axes.
-        limits: (n, 2) of the angles [rad]; infinite for a continuous joint.
+        limits: (n, 2) of the angles [rad], or [m]; infinite for a continuous joint.
+        slides: (n,) joints that slide along their axis instead of turning about it.
         flange: name of the link at the arm's end.
         flange_position: (3,) of that link, in the last joint's axes [m].
         flange_rotation: (3, 3) from its axes to the last joint's.
@@ -45,18 +50,27 @@ class SerialArm:
     rotations: FloatArray
     axes: FloatArray
     limits: FloatArray
+    slides: BoolArray
     flange: str
     flange_position: FloatArray
     flange_rotation: FloatArray
 
 
-def read_serial_arm(path: str | Path, flange: str = "") -> SerialArm:
+def read_serial_arm(
+    path: str | Path,
+    flange: str = "",
+    *,
+    sliding: bool = False,
+    locked: Mapping[str, float] | None = None,
+) -> SerialArm:
     """Read an arm.
 
     Args:
         path: URDF; joints that are fixed are taken into the next one that turns.
         flange: link at the arm's end; empty: the only one that carries no other, else tool0 or
             flange.
+        sliding: whether joints may slide.
+        locked: positions of joints that are held and count as fixed, by name [rad, m].
 
     Raises:
         NotSerialError: if a joint on the way to the flange does not turn or follows another one,
@@ -71,7 +85,8 @@ def read_serial_arm(path: str | Path, flange: str = "") -> SerialArm:
     name = flange or _flange(root, above, path)
     chain = _way_to(name, above, path)
     places: list[tuple[FloatArray, FloatArray]] = []
-    names, axes, limits = [], [], []
+    held = dict(locked or {})
+    names, axes, limits, slides = [], [], [], []
     position, rotation = np.zeros(3), np.eye(3)
     for joint in chain:
         position = position + rotation @ _numbers(joint, "origin", "xyz", "0 0 0", path)
@@ -80,12 +95,24 @@ def read_serial_arm(path: str | Path, flange: str = "") -> SerialArm:
         rotation = rotation @ Rotation.from_euler("xyz", angles).as_matrix()
         if joint.get("type") == "fixed":
             continue
-        _require_turning(joint, path)
+        slide = _slides(joint, path, sliding)
+        if joint.get("name", "") in held:
+            at = held.pop(joint.get("name", "")) * _axis(joint, path)
+            if slide:
+                position = position + rotation @ at
+            else:
+                rotation = rotation @ Rotation.from_rotvec(at).as_matrix()
+            continue
         names.append(joint.get("name", ""))
         axes.append(_axis(joint, path))
         limits.append(_limits(joint, path))
+        slides.append(slide)
         places.append((position, rotation))
         position, rotation = np.zeros(3), np.eye(3)
+    if held:
+        raise NotSerialError(
+            f"{path}: locked: expected joints on the way to {name!r}, got {', '.join(held)}"
+        )
     if not names:
         raise NotSerialError(f"{path}: expected joints that turn on the way to {name!r}, got none")
     return SerialArm(
@@ -95,6 +122,7 @@ def read_serial_arm(path: str | Path, flange: str = "") -> SerialArm:
         rotations=np.array([turn for _, turn in places]),
         axes=np.array(axes),
         limits=np.array(limits),
+        slides=np.array(slides, dtype=np.bool_),
         flange=name,
         flange_position=position,
         flange_rotation=rotation,
@@ -106,11 +134,11 @@ def _flange(root: Element, above: dict[str, Element], path: str | Path) -> str:
     carrying = {_link(joint, "parent", path) for joint in above.values()}
     ends = [link.get("name", "") for link in root.findall("link")]
     ends = [name for name in ends if name not in carrying]
-    if len(ends) == 1:
-        return ends[0]
     for name in FLANGES:
         if name in above:
             return name
+    if len(ends) == 1 and not any(word in ends[0].lower() for word in NO_FLANGE):
+        return ends[0]
     raise NotSerialError(
         f"{path}: expected one link that carries no other, or one of {', '.join(FLANGES)}; got "
         f"{', '.join(ends) or 'none'}"
@@ -133,14 +161,17 @@ def _way_to(name: str, above: dict[str, Element], path: str | Path) -> list[Elem
     return way[::-1]
 
 
-def _require_turning(joint: Element, path: str | Path) -> None:
+def _slides(joint: Element, path: str | Path, sliding: bool) -> bool:
+    """Whether a joint slides; others must turn."""
     name, kind = joint.get("name", ""), joint.get("type")
-    if kind not in TURNING:
+    known = (*TURNING, SLIDING) if sliding else TURNING
+    if kind not in known:
         raise NotSerialError(
-            f"{path}: {name!r}: expected a type of {', '.join(TURNING)} or fixed, got {kind}"
+            f"{path}: {name!r}: expected a type of {', '.join(known)} or fixed, got {kind}"
         )
     if joint.find("mimic") is not None:
         raise NotSerialError(f"{path}: {name!r}: expected one of its own, got a mimic")
+    return kind == SLIDING
 
 
 def _link(joint: Element, tag: str, path: str | Path) -> str:

@@ -18,7 +18,6 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.identification.observations import Linearised, Observations, whiten
 from cabols_stiffness.model.balance import Law
-from cabols_stiffness.model.robot import JOINTS
 
 STEPS = 30
 CONVERGED = 1e-6
@@ -81,8 +80,9 @@ class Model:
     @property
     def estimated(self) -> BoolArray:
         """(18,) which of compliance, cubic, friction are estimated."""
-        cubic = np.full(JOINTS, self.cubic)
-        return np.concatenate([np.ones(JOINTS, dtype=np.bool_), cubic, self.has_friction])
+        n = self.has_friction.size
+        cubic = np.full(n, self.cubic)
+        return np.concatenate([np.ones(n, dtype=np.bool_), cubic, self.has_friction])
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,12 +223,13 @@ def _gauss_newton(
     unidentifiable[chosen] = (np.abs(right[~known]) > 1e-3).any(axis=0)
     # A softening that was stopped at its bound is no estimate, nor is the slope beside it.
     bound = model.cubic & (parameters.cubic <= 0.999 * _least_cubic(parameters.compliance, line))
-    unidentifiable[: 2 * JOINTS] |= np.tile(bound, 2)
+    n = parameters.compliance.size
+    unidentifiable[: 2 * n] |= np.tile(bound, 2)
     return Fitted(
         parameters, scale, covariance, unidentifiable, use,
         float(target @ target),
         int(observations.numbers[used].sum()) - rows.shared - int(known.sum()),
-        distances, line.balance.deflection, line, columns, chosen < 2 * JOINTS, steps, converged,
+        distances, line.balance.deflection, line, columns, chosen < 2 * n, steps, converged,
     )  # fmt: skip
 
 
@@ -277,13 +278,13 @@ def _moved(
     full = np.zeros(scale.size)
     full[chosen] = step
     full *= scale
-    old = parameters.compliance
-    compliance = np.clip(old + full[:JOINTS], 0.2 * old, 5.0 * old)
+    old, n = parameters.compliance, parameters.compliance.size
+    compliance = np.clip(old + full[:n], 0.2 * old, 5.0 * old)
     least = _least_cubic(compliance, line)
-    cubic = np.maximum(parameters.cubic + full[JOINTS : 2 * JOINTS], least)
+    cubic = np.maximum(parameters.cubic + full[n : 2 * n], least)
     return replace(
         parameters,
         compliance=compliance,
         cubic=cubic,
-        friction=parameters.friction + full[2 * JOINTS :],
+        friction=parameters.friction + full[2 * n :],
     )

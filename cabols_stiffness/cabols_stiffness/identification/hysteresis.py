@@ -17,13 +17,12 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_stiffness.identification.gauss_newton import Fitted, Model
 from cabols_stiffness.identification.observations import Observations, whiten
 from cabols_stiffness.measurements.samples import UNLOADING, PointSamples, Samples
-from cabols_stiffness.model.robot import JOINTS
 
 SLIDERS = 4
 """Sliders of a joint; they yield one after the other."""
 
-TRAVELS = np.repeat(np.geomspace(3e-6, 3e-3, 19)[:, None], JOINTS, axis=1)
-"""(n, 6) candidates for the motion after which all sliders of a joint have yielded [rad]."""
+TRAVELS = np.geomspace(3e-6, 3e-3, 19)[:, None]
+"""(n, 1) candidates for the motion after which all sliders of a joint have yielded [rad]."""
 
 FINER = np.geomspace(0.75, 4.0 / 3.0, 11)
 """Factors on a detected travel, for refinement."""
@@ -139,7 +138,8 @@ def _scored(
     matrix = rows.columns[found.use].reshape(-1, columns.shape[2])
     count = base.shape[2]
     target = rows.residual[found.use].ravel() + matrix[:, count]
-    tried = matrix[:, count + 1 :].reshape(target.size, len(travels), JOINTS)
+    joints = found.deflection.shape[1]
+    tried = matrix[:, count + 1 :].reshape(target.size, len(travels), joints)
     others = found.columns[:, :, ~found.elastic]
     friction = whiten(line, others, samples, weights).columns[found.use]
     best = np.array(
@@ -149,10 +149,10 @@ def _scored(
                 target,
                 np.hstack([matrix[:, :count], _without(friction, model, j)]),
             )
-            for j in range(JOINTS)
+            for j in range(joints)
         ]
     )
-    joint = np.arange(JOINTS)
+    joint = np.arange(joints)
     basis, _ = np.linalg.qr(matrix[:, :count])
     chosen = tried[:, best, joint]
     chosen = chosen - basis @ (basis.T @ chosen)

@@ -40,8 +40,8 @@ from cabols_stiffness.identification.observations import (
 )
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.measurements.usable import usable_rows
-from cabols_stiffness.model.result import AS_PUBLISHED, LINEAR, MODELS, StiffnessResult
-from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.result import AS_PUBLISHED, LINEAR, MODELS, Origin, StiffnessResult
+from cabols_stiffness.model.robot import RobotModel
 
 WORST_RELATIVE = 0.2
 """Relative standard deviation of a joint's stiffness above which it is not identified."""
@@ -98,7 +98,23 @@ def identify(
         verdict = replace(opinion.verdict, missing=usable.missing, repeated=usable.repeated)
         result = summarise(found, model, result.friction_reach, opinion.between)
         result = replace(result, verdict=verdict)
-    return replace(result, samples=len(samples), outliers=usable.rows[result.outliers])
+    return replace(
+        result,
+        samples=len(samples),
+        outliers=usable.rows[result.outliers],
+        origin=_origin(usable.samples, robot),
+    )
+
+
+def _origin(samples: PointSamples | Samples, robot: RobotModel) -> Origin:
+    ends = [samples.joints.min(axis=0), samples.joints.max(axis=0)]
+    return Origin(
+        robot=robot.name,
+        joint_names=robot.joint_names,
+        kinematics=robot.kinematics,
+        joints=np.column_stack(ends),
+        wrench=np.abs(samples.wrench).max(axis=0),
+    )
 
 
 def estimate(
@@ -123,27 +139,29 @@ def estimate(
     samples = observations.samples
     _check_count(observations, model)
     begin = _start(observations, model, start)
-    nothing = np.zeros(JOINTS, dtype=np.bool_)
+    nothing = np.zeros(observations.robot.n, dtype=np.bool_)
     estimated = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
     found = fit(observations, estimated, begin, robust)
-    travel = np.zeros(JOINTS)
+    travel = np.zeros(observations.robot.n)
     if hysteresis and model != AS_PUBLISHED and has_branches(samples):
         found, estimated, travel = _with_friction(observations, estimated, found, robust)
     return found, estimated, summarise(found, model, travel)
 
 
 def _start(observations: Observations, model: str, start: StiffnessResult | None) -> Parameters:
-    nothing = np.zeros(JOINTS)
+    n = observations.robot.n
+    nothing = np.zeros(n)
     if start is None:
         return Parameters(1.0 / start_stiffness(observations), nothing, nothing)
-    cubic = start.parameters[JOINTS:].copy() if start.model == model else nothing
-    return Parameters(1.0 / start.parameters[:JOINTS], cubic, nothing)
+    cubic = start.parameters[n:].copy() if start.model == model else nothing
+    return Parameters(1.0 / start.parameters[:n], cubic, nothing)
 
 
 def _with_friction(
     observations: Observations, model: Model, found: Fitted, robust: bool
 ) -> tuple[Fitted, Model, FloatArray]:
-    travel, travels = np.zeros(JOINTS), TRAVELS
+    n = observations.robot.n
+    travel, travels = np.zeros(n), np.repeat(TRAVELS, n, axis=1)
     for _ in range(FRICTION_ROUNDS):
         before = travel
         candidate, model = detect(observations, found, model, travels)
@@ -168,7 +186,8 @@ def _check_count(observations: Observations, model: str) -> None:
     samples, k = observations.samples, len(observations.samples)
     numbers = int(observations.numbers.sum())
     axes = int(observations.numbers.max(initial=0))
-    unknowns = JOINTS if model == LINEAR else 2 * JOINTS
+    n = observations.robot.n
+    unknowns = n if model == LINEAR else 2 * n
     if isinstance(samples, PointSamples):
         sizes = np.unique(samples.group, return_counts=True)[1]
         unknowns += int(np.where(sizes >= DRIFT_SAMPLES, 2 * axes, axes).sum())
@@ -193,47 +212,45 @@ def summarise(
         travel: (n,) reach of the joints' friction [rad].
         between: how configurations that differ are pooled; None: they do not differ.
     """
-    freedom = max(found.freedom, 1)
+    n, freedom = travel.size, max(found.freedom, 1)
     variance = found.chi_square / freedom
     parameters, width = found.parameters, student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)
-    normalised, scatter = variance * found.covariance, np.zeros(JOINTS)
+    normalised, scatter = variance * found.covariance, np.zeros(n)
     if between is not None:
         estimated = np.flatnonzero(np.diagonal(found.covariance) > 0.0)
         normalised = normalised.copy()
         normalised[np.ix_(estimated, estimated)] = between.covariance
-        change = np.clip(between.change[:JOINTS], -0.8, 4.0)
+        change = np.clip(between.change[:n], -0.8, 4.0)
         parameters = replace(parameters, compliance=parameters.compliance * (1.0 + change))
         width, scatter = student.ppf(0.5 + 0.5 * CONFIDENCE, between.freedom), between.scatter
     relative = np.sqrt(np.diagonal(normalised))
     with_cubic = model != LINEAR
-    identifiable = ~found.unidentifiable[:JOINTS] & (relative[:JOINTS] <= WORST_RELATIVE)
-    cubic_known = ~found.unidentifiable[JOINTS : 2 * JOINTS] & (
-        relative[JOINTS : 2 * JOINTS] <= WORST_CUBIC
-    )
+    identifiable = ~found.unidentifiable[:n] & (relative[:n] <= WORST_RELATIVE)
+    cubic_known = ~found.unidentifiable[n : 2 * n] & (relative[n : 2 * n] <= WORST_CUBIC)
     cubic_known &= with_cubic
 
     stiffness = 1.0 / parameters.compliance
     # From (c, a) in units of `scale` to (b, a): db = -b^2 dc, and the scale of c is c itself.
-    to_physical = np.concatenate([-stiffness, found.scale[JOINTS : 2 * JOINTS]])
-    physical = normalised[: 2 * JOINTS, : 2 * JOINTS] * np.outer(to_physical, to_physical)
+    to_physical = np.concatenate([-stiffness, found.scale[n : 2 * n]])
+    physical = normalised[: 2 * n, : 2 * n] * np.outer(to_physical, to_physical)
     # A prediction is about one configuration: it has the scatter between them beside the mean's.
-    own = np.diag(np.concatenate([scatter * stiffness, np.zeros(JOINTS)]) ** 2)
+    own = np.diag(np.concatenate([scatter * stiffness, np.zeros(n)]) ** 2)
     known = np.concatenate([identifiable, cubic_known])
     shown = np.where(np.outer(known, known), physical, np.nan)
 
-    half = width * relative[:JOINTS]
+    half = width * relative[:n]
     ends = np.column_stack([1.0 / (1.0 + half), 1.0 / np.maximum(1.0 - half, 1e-9)])
     interval = np.where(identifiable[:, None], stiffness[:, None] * ends, np.nan)
     cubic_interval = None
     if with_cubic:
-        half = np.max(width) * np.sqrt(np.diagonal(physical)[JOINTS:])
+        half = np.max(width) * np.sqrt(np.diagonal(physical)[n:])
         around = parameters.cubic[:, None] + half[:, None] * np.array([-1.0, 1.0])
         cubic_interval = np.where(cubic_known[:, None], around, np.nan)
     return StiffnessResult(
         model=model,
         stiffness=np.where(identifiable, stiffness, np.nan),
         cubic=np.where(cubic_known, parameters.cubic, np.nan) if with_cubic else None,
-        covariance=shown if with_cubic else shown[:JOINTS, :JOINTS],
+        covariance=shown if with_cubic else shown[:n, :n],
         identifiable=identifiable,
         cubic_identifiable=cubic_known,
         interval=interval,
@@ -248,7 +265,7 @@ def summarise(
         parameter_covariance=physical + own,
         joint_range=_range(found.deflection, found.use),
         friction=np.where(travel > 0.0, parameters.friction, 0.0),
-        friction_deviation=relative[2 * JOINTS :] * found.scale[2 * JOINTS :],
+        friction_deviation=relative[2 * n :] * found.scale[2 * n :],
         friction_reach=travel,
     )
 

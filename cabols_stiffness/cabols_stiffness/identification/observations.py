@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_control.errors import ShapeError
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.model.balance import Balance, Law, balance
-from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import logarithm, point_motion
 
 SILENT = 10.0
@@ -107,7 +108,16 @@ class Observations:
     """Samples, ready to be compared with a robot's model."""
 
     def __init__(self, samples: PointSamples | Samples, robot: RobotModel) -> None:
-        """Take checked samples."""
+        """Take checked samples.
+
+        Raises:
+            ShapeError: if the robot has another number of joints.
+        """
+        if samples.joints.shape[1] != robot.n:
+            raise ShapeError(
+                f"joints: expected shape (k, {robot.n}) for the joints of {robot.name!r}, got "
+                f"{samples.joints.shape}"
+            )
         self.samples = samples
         self.robot = robot
         self.follows = isinstance(samples, PointSamples)
@@ -275,16 +285,17 @@ def start_stiffness(observations: Observations) -> FloatArray:
         (6,) stiffness [N m/rad], with a very stiff guess where the data say nothing of a joint.
     """
     samples = observations.samples
-    rigid = Law(np.full(JOINTS, 1e12), np.zeros(JOINTS))
+    n = observations.robot.n
+    rigid = Law(np.full(n, 1e12), np.zeros(n))
     line = observations.linearise(rigid)
     observations.forget()
     torque = line.balance.posture.torque(line.balance.wrench)
     columns = line.motion * torque[:, None, :]
     rows = whiten(line, columns, samples, np.ones(len(samples)))
-    matrix = rows.columns.reshape(-1, JOINTS)
+    matrix = rows.columns.reshape(-1, n)
     scale = np.linalg.norm(matrix, axis=0)
     known = scale > 0.0
-    compliance = np.zeros(JOINTS)
+    compliance = np.zeros(n)
     found = np.linalg.lstsq(matrix[:, known] / scale[known], rows.residual.ravel(), rcond=1e-6)[0]
     compliance[known] = found / scale[known]
     # A joint whose motion is below the noise starts with the stiffness that moves it by that noise.

@@ -7,7 +7,7 @@ from scipy.linalg import lstsq
 
 from cabols_control.checks import FloatArray
 from cabols_stiffness.measurements.samples import Samples
-from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.robot import RobotModel
 
 
 def regression(samples: Samples, robot: RobotModel) -> tuple[FloatArray, FloatArray]:
@@ -28,9 +28,9 @@ def regression(samples: Samples, robot: RobotModel) -> tuple[FloatArray, FloatAr
     deflection = np.linalg.solve(jacobian, samples.deflection[..., None])[..., 0]
     complementary = posture.complementary_stiffness(samples.wrench)
     right = posture.torque(samples.wrench) + np.einsum("kij,kj->ki", complementary, deflection)
-    matrix = np.zeros((len(samples), JOINTS, JOINTS))
-    matrix[:, range(JOINTS), range(JOINTS)] = deflection
-    return matrix.reshape(-1, JOINTS), right.ravel()
+    matrix = np.zeros((len(samples), robot.n, robot.n))
+    matrix[:, range(robot.n), range(robot.n)] = deflection
+    return matrix.reshape(-1, robot.n), right.ravel()
 
 
 def identify_as_source(samples: Samples, robot: RobotModel) -> FloatArray:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import FloatArray, finite_array
 from cabols_stiffness.measurements.samples import PointSamples
 from cabols_stiffness.model.balance import Law, balance
-from cabols_stiffness.model.robot import JOINTS, Posture, RobotModel
+from cabols_stiffness.model.robot import Posture, RobotModel
 from cabols_stiffness.model.screws import turn
 
 
@@ -36,7 +36,7 @@ def loaded_posture(
     Raises:
         ShapeError: if an argument has another shape or is not finite.
     """
-    at = finite_array("joints", joints, (None, JOINTS))
+    at = finite_array("joints", joints, (None, robot.n))
     load = finite_array("wrench", wrench, (at.shape[0], 6))
     return balance(robot, at, load, _law(parameters), follows=True).posture
 
@@ -73,5 +73,6 @@ def without_tool_weight(
 
 
 def _law(parameters: ArrayLike) -> Law:
-    values: FloatArray = finite_array("parameters", parameters, (2 * JOINTS,))
-    return Law(values[:JOINTS], values[JOINTS:])
+    values: FloatArray = finite_array("parameters", parameters, (None,))
+    n = values.size // 2
+    return Law(values[:n], values[n:])

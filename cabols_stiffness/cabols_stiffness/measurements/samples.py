@@ -218,8 +218,16 @@ def _measured(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray
 
 
 def _check_joints(samples: PointSamples | Samples) -> int:
-    _freeze(samples, "joints", finite_array("joints", samples.joints, (None, 6)))
+    _freeze(
+        samples, "joints", finite_array("joints", samples.joints, (None, _width(samples.joints)))
+    )
     return len(samples)
+
+
+def _width(joints: ArrayLike) -> int:
+    """Number of joints, of a table of them; six if it is none or has fewer."""
+    shape = np.shape(joints)
+    return max(shape[1], 6) if len(shape) == 2 else 6
 
 
 def _check_common(samples: PointSamples | Samples, k: int) -> None:

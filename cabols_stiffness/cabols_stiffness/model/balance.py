@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_stiffness.model.robot import JOINTS, Posture, RobotModel
+from cabols_stiffness.model.robot import Posture, RobotModel
 from cabols_stiffness.model.screws import turn, turning
 
 _NEAR = 1e-3
@@ -126,7 +126,7 @@ def balance(
             # Newton's matrix hardly changes on the way: the one at the start serves until the end.
             at = moved
             tangent = -posture.complementary_stiffness(load, follows)
-            tangent[:, range(JOINTS), range(JOINTS)] += law.slope(moved)
+            tangent[:, range(robot.n), range(robot.n)] += law.slope(moved)
             softness = np.asarray(np.linalg.inv(tangent), dtype=np.float64)
         error = posture.torque(load) - law.torque(moved)
         step = np.einsum("kij,kj->ki", softness, error)
@@ -149,7 +149,7 @@ def _published(
     moved = torque / law.stiffness
     for _ in range(NEWTON_STEPS):
         tangent = -complementary
-        tangent[:, range(JOINTS), range(JOINTS)] += law.slope(moved)
+        tangent[:, range(robot.n), range(robot.n)] += law.slope(moved)
         error = torque + np.einsum("kij,kj->ki", complementary, moved) - law.torque(moved)
         step = np.linalg.solve(tangent, error[..., None])[..., 0]
         moved = moved + step

@@ -13,7 +13,7 @@ from cabols_control.naming import joint_name, joint_names
 from cabols_stiffness.model.balance import Law
 from cabols_stiffness.model.prediction import Prediction, law_of, predict
 from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
-from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import turn
 
 NEWTON_STEPS = 50
@@ -67,7 +67,7 @@ def correct(
             f"result: expected all joints identified by the linear or cubic model, got "
             f"{result.model}, identified all but {missing}; load them more"
         )
-    at = finite_array("joints", joints, (JOINTS,))
+    at = finite_array("joints", joints, (robot.n,))
     prediction = predict(result, robot, at, wrench, follows=follows)
     posture = robot.posture(at[None])
     load = finite_array("wrench", wrench, (6,))[None]

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array
-from cabols_stiffness.model.prediction import predict
+from cabols_stiffness.model.prediction import predict_anyway
 from cabols_stiffness.model.result import StiffnessResult
-from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.robot import RobotModel
 
 SHARE = 0.1
 """Step of the force, of the rated load: ISO 9283 raises it in steps of 10 %."""
@@ -50,7 +50,7 @@ def compliance_table(
         ShapeError: if joints has another shape or is not finite.
         CabolsError: if the robot cannot balance the load.
     """
-    at = finite_array("joints", joints, (JOINTS,))
+    at = finite_array("joints", joints, (robot.n,))
     steps = np.arange(1, round(1.0 / SHARE) + 1, dtype=np.float64)
     forces = np.asarray(rated_load * SHARE * steps, dtype=np.float64)
     rows = []
@@ -59,7 +59,7 @@ def compliance_table(
         for force in forces:
             wrench = np.zeros(6)
             wrench[axis] = sense * force
-            predicted = predict(result, robot, at, wrench)
+            predicted = predict_anyway(result, robot, at, wrench)
             variance = predicted.covariance[axis, axis]
             found.append((sense * predicted.deflection[axis], np.sqrt(variance)))
         displacement, deviation = np.array(found).T
@@ -83,4 +83,4 @@ def cartesian_compliance(
         ShapeError: if joints has another shape or is not finite.
     """
     jacobian = robot.jacobian(joints)
-    return np.asarray(jacobian / result.parameters[:JOINTS] @ jacobian.T)
+    return np.asarray(jacobian / result.parameters[: result.n] @ jacobian.T)

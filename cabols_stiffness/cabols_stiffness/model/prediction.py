@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import CabolsError
 from cabols_stiffness.model.balance import Balance, Law, balance
+from cabols_stiffness.model.identity import require_usable
 from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
-from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import logarithm
 
 BEYOND = 1.2
@@ -38,7 +39,7 @@ class Prediction:
 def law_of(result: StiffnessResult) -> Law:
     """Elastic law of the joints that a result found."""
     parameters = result.parameters
-    return Law(parameters[:JOINTS], parameters[JOINTS:], None, result.model == AS_PUBLISHED)
+    return Law(parameters[: result.n], parameters[result.n :], None, result.model == AS_PUBLISHED)
 
 
 def parameter_covariance(result: StiffnessResult, rest: Balance) -> FloatArray:
@@ -73,9 +74,39 @@ def predict(
 
     Raises:
         ShapeError: if an argument has another shape or is not finite.
+        CabolsError: if the result is of another robot, did not converge or is of a bad fit, or if
+            the wrench is more than the robot can balance.
+    """
+    require_usable(result, robot)
+    return predict_anyway(
+        result, robot, joints, wrench, wrench_covariance=wrench_covariance, follows=follows
+    )
+
+
+def predict_anyway(
+    result: StiffnessResult,
+    robot: RobotModel,
+    joints: ArrayLike,
+    wrench: ArrayLike,
+    *,
+    wrench_covariance: ArrayLike | None = None,
+    follows: bool = False,
+) -> Prediction:
+    """Do as predict, also for a result that is not to be used: for its report.
+
+    Args:
+        result: as predict.
+        robot: as predict.
+        joints: as predict.
+        wrench: as predict.
+        wrench_covariance: as predict.
+        follows: as predict.
+
+    Raises:
+        ShapeError: as predict.
         CabolsError: if the wrench is more than the robot can balance.
     """
-    at = finite_array("joints", joints, (JOINTS,))[None]
+    at = finite_array("joints", joints, (robot.n,))[None]
     load = finite_array("wrench", wrench, (6,))[None]
     rest = balance(robot, at, load, law_of(result), follows)
     if not np.abs(rest.deflection).max() < 0.5:

@@ -14,6 +14,25 @@ MODELS = (LINEAR, CUBIC, AS_PUBLISHED)
 
 
 @dataclass(frozen=True, eq=False)
+class Origin:
+    """Robot and range of the data that a result is from.
+
+    Attributes:
+        robot: its name.
+        joint_names: of its joints; empty: not known (a file of version 0.1).
+        kinematics: hash of its kinematics, of `RobotModel`; empty likewise.
+        joints: (n, 2) least and largest joint positions of the data [rad, m].
+        wrench: (6,) largest absolute components of the wrench in them [N, N m].
+    """
+
+    robot: str
+    joint_names: tuple[str, ...] = ()
+    kinematics: str = ""
+    joints: FloatArray | None = None
+    wrench: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class StiffnessResult:
     """Joint stiffness with its uncertainty; NaN wherever the data cannot identify a number.
 
@@ -41,6 +60,7 @@ class StiffnessResult:
         friction_deviation: (6,) its standard deviation, 0 where none was detected [N m].
         friction_reach: (6,) motion over which the friction is drawn, likewise [rad].
         verdict: on the model and the data; None: not judged, as in results of older files.
+        origin: robot and range of the data; None: not known.
     """
 
     model: str
@@ -64,11 +84,17 @@ class StiffnessResult:
     friction_deviation: FloatArray
     friction_reach: FloatArray
     verdict: Verdict | None = None
+    origin: Origin | None = None
 
     @property
     def adequate(self) -> bool:
         """Whether it converged and nothing grave was found; without a verdict, only the former."""
         return self.converged and (self.verdict is None or self.verdict.adequate)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.stiffness.size)
 
     @property
     def hysteretic(self) -> BoolArray:
@@ -78,12 +104,12 @@ class StiffnessResult:
     @property
     def standard_deviation(self) -> FloatArray:
         """(6,) of stiffness [N m/rad]."""
-        return np.asarray(np.sqrt(np.diagonal(self.covariance)[:6]))
+        return np.asarray(np.sqrt(np.diagonal(self.covariance)[: self.n]))
 
     @property
     def cubic_deviation(self) -> FloatArray | None:
         """(6,) of cubic [N m/rad^3]; None for the linear model."""
-        return None if self.cubic is None else np.sqrt(np.diagonal(self.covariance)[6:])
+        return None if self.cubic is None else np.sqrt(np.diagonal(self.covariance)[self.n :])
 
     @property
     def relative_deviation_max(self) -> float:

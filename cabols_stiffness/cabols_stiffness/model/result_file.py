@@ -14,8 +14,9 @@ import yaml
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError
-from cabols_stiffness.model.result import LINEAR, MODELS, StiffnessResult
-from cabols_stiffness.model.robot import JOINTS, RobotModel
+from cabols_stiffness.model.result import LINEAR, MODELS, Origin, StiffnessResult
+from cabols_stiffness.model.robot import RobotModel
+from cabols_stiffness.model.verdict_file import read_verdict, verdict_mapping
 
 FORMAT = "cabols stiffness 1"
 
@@ -29,7 +30,7 @@ def to_mapping(result: StiffnessResult, robot: RobotModel) -> dict[str, Any]:
     """
     deviation, cubic_deviation = result.standard_deviation, result.cubic_deviation
     joints = []
-    for j in range(JOINTS):
+    for j in range(result.n):
         joint = {
             "joint": j + 1,
             "identifiable": bool(result.identifiable[j]),
@@ -64,10 +65,35 @@ def to_mapping(result: StiffnessResult, robot: RobotModel) -> dict[str, Any]:
         "parameter_covariance": _plain(result.parameter_covariance),
         "robot": {
             "name": robot.name,
+            "joint_names": list(robot.joint_names),
+            "kinematics_sha256": robot.kinematics,
             "tool_position_m": _plain(robot.tool_position),
             "tool_rotation": _plain(robot.tool_rotation),
         },
+        "range": _range(result),
+        "verdict": None if result.verdict is None else verdict_mapping(result.verdict),
     }
+
+
+def _range(result: StiffnessResult) -> dict[str, Any] | None:
+    """Return where the data were taken."""
+    origin = result.origin
+    if origin is None or origin.joints is None or origin.wrench is None:
+        return None
+    return {"joints": _plain(origin.joints), "wrench_max": _plain(origin.wrench)}
+
+
+def _origin(content: dict[str, Any]) -> Origin | None:
+    robot, where = content.get("robot"), content.get("range")
+    if not isinstance(robot, dict):
+        return None
+    return Origin(
+        robot=str(robot.get("name", "")),
+        joint_names=tuple(str(name) for name in robot.get("joint_names", ())),
+        kinematics=str(robot.get("kinematics_sha256", "")),
+        joints=None if not where else _numbers(where["joints"]),
+        wrench=None if not where else _numbers(where["wrench_max"]),
+    )
 
 
 def from_mapping(content: dict[str, Any]) -> StiffnessResult:
@@ -108,10 +134,10 @@ def tool_of(content: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
 
 def _result(content: dict[str, Any]) -> StiffnessResult:
     model, joints = content["model"], content["joints"]
-    if model not in MODELS or len(joints) != JOINTS:
-        raise ConfigError(f"result: expected six joints and a known model, got {model!r}")
-    with_cubic = model != LINEAR
-    size = 2 * JOINTS if with_cubic else JOINTS
+    if model not in MODELS or not joints:
+        raise ConfigError(f"result: expected joints and a known model, got {model!r}")
+    with_cubic, n = model != LINEAR, len(joints)
+    size = 2 * n if with_cubic else n
 
     def column(key: str) -> FloatArray:
         return _numbers([joint[key] for joint in joints])
@@ -123,8 +149,8 @@ def _result(content: dict[str, Any]) -> StiffnessResult:
         covariance=_numbers(content["covariance"]).reshape(size, size),
         identifiable=np.array([bool(joint["identifiable"]) for joint in joints]),
         cubic_identifiable=np.array([bool(joint.get("cubic_identifiable")) for joint in joints]),
-        interval=column("interval_95_nm_per_rad").reshape(JOINTS, 2),
-        cubic_interval=column("cubic_interval_95_nm_per_rad3").reshape(JOINTS, 2)
+        interval=column("interval_95_nm_per_rad").reshape(n, 2),
+        cubic_interval=column("cubic_interval_95_nm_per_rad3").reshape(n, 2)
         if with_cubic
         else None,
         residual_rms=float(content["residual_rms"]),
@@ -133,14 +159,16 @@ def _result(content: dict[str, Any]) -> StiffnessResult:
         outliers=np.array(content["outliers"], dtype=np.int64),
         iterations=int(content["iterations"]),
         converged=bool(content["converged"]),
-        parameters=finite_array("parameters", content["parameters"], (2 * JOINTS,)),
+        parameters=finite_array("parameters", content["parameters"], (2 * n,)),
         parameter_covariance=finite_array(
-            "parameter_covariance", content["parameter_covariance"], (2 * JOINTS, 2 * JOINTS)
+            "parameter_covariance", content["parameter_covariance"], (2 * n, 2 * n)
         ),
         joint_range=column("largest_deflection_rad"),
         friction=column("friction_nm"),
         friction_deviation=column("friction_deviation_nm"),
         friction_reach=column("friction_reach_rad"),
+        verdict=read_verdict(content.get("verdict")),
+        origin=_origin(content),
     )
 
 

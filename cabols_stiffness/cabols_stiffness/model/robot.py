@@ -1,25 +1,27 @@
-"""Serial robots of six revolute joints from their URDF: kinematics and complementary stiffness.
+"""Serial robots from their URDF: kinematics and complementary stiffness.
 
-pinocchio reads the URDF once. What identification needs is computed here for many configurations
-at a time in numpy, where a call of pinocchio per sample would take most of the time; tests compare
-the two.
+Joints turn or slide; n of them. What identification needs is computed for many configurations at a
+time in numpy; tests compare it with pinocchio.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-import pinocchio
 from numpy.typing import ArrayLike
 
-from cabols_control.checks import FloatArray, finite_array, rotation_matrix
+from cabols_control.checks import BoolArray, FloatArray, finite_array, rotation_matrix
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import rig_file
 from cabols_control.rotations import cross_matrix
+from cabols_control.serial_arm import NotSerialError, read_serial_arm
 
 JOINTS = 6
+"""Of the rig's own robot, and least number of joints unless a caller asks for fewer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,32 +31,42 @@ class Posture:
     Attributes:
         position: (k, 3) of the tool's origin [m].
         rotation: (k, 3, 3) from tool to base axes.
-        axes: (k, 6, 3) unit vectors of the joints.
-        arms: (k, 6, 3) from each joint to the tool's origin [m].
+        axes: (k, n, 3) unit vectors of the joints.
+        arms: (k, n, 3) from each joint to the tool's origin [m].
+        slides: (n,) joints that slide along their axis; None: all turn about it.
     """
 
     position: FloatArray
     rotation: FloatArray
     axes: FloatArray
     arms: FloatArray
+    slides: BoolArray | None = None
 
     @property
     def rates(self) -> FloatArray:
-        """(k, 6, 3) angular velocity of the tool by each joint."""
-        return self.axes
+        """(k, n, 3) angular velocity of the tool by each joint: none by one that slides."""
+        return self.axes if self.slides is None else self.axes * ~self.slides[:, None]
+
+    @property
+    def speeds(self) -> FloatArray:
+        """(k, n, 3) velocity of the tool's origin by each joint."""
+        turned = _cross(self.axes, self.arms)
+        return turned if self.slides is None else np.where(self.slides[:, None], self.axes, turned)
 
     @property
     def jacobian(self) -> FloatArray:
-        """(k, 6, 6) from joint rates to the tool's origin's velocity, then angular velocity."""
-        return np.concatenate([_cross(self.axes, self.arms), self.axes], axis=-1).swapaxes(-1, -2)
+        """(k, 6, n) from joint rates to the tool's origin's velocity, then angular velocity."""
+        return np.concatenate([self.speeds, self.rates], axis=-1).swapaxes(-1, -2)
 
     def torque(self, wrench: FloatArray) -> FloatArray:
-        """(k, 6) joint torques J^T w [N m] of wrenches (k, 6) on the tool, base axes."""
+        """(k, n) torques J^T w [N m], forces [N] where they slide, of wrenches (k, 6) in base."""
         lever = _cross(self.arms, wrench[:, None, :3]) + wrench[:, None, 3:]
+        if self.slides is not None:
+            lever = np.where(self.slides[:, None], wrench[:, None, :3], lever)
         return np.asarray(np.einsum("kij,kij->ki", self.axes, lever))
 
     def complementary_stiffness(self, wrench: FloatArray, follows: bool = False) -> FloatArray:
-        """(k, 6, 6) K_C of (4.14): column j is the torques' derivative by joint j [N m/rad].
+        """(k, n, n) K_C of (4.14): column j is the torques' derivative by joint j [N m/rad].
 
         With v_j = z_j x r_j the tool's velocity by joint j, the force's part is f . (z_i x v_j) for
         joints j from i on and f . (z_j x v_i) for those before i; the torque's part m . (z_j x z_i)
@@ -66,13 +78,14 @@ class Posture:
                 direction in the base (a dead weight).
         """
         # As products of matrices, with f . (z x v) = (f x z) . v.
-        speeds = _cross(self.axes, self.arms)
-        by_force = _cross(wrench[:, None, :3], self.axes)
-        by_moment = _cross(wrench[:, None, 3:], self.axes)
+        speeds, rates = self.speeds, self.rates
+        by_force = _cross(wrench[:, None, :3], rates)
+        by_moment = _cross(wrench[:, None, 3:], rates)
         upper = by_force @ speeds.swapaxes(1, 2)
         lower = upper.swapaxes(1, 2)
-        turned = self.axes @ by_moment.swapaxes(1, 2)
-        before = np.tril(np.ones((JOINTS, JOINTS)), -1)
+        turned = rates @ by_moment.swapaxes(1, 2)
+        n = rates.shape[1]
+        before = np.tril(np.ones((n, n)), -1)
         found = upper * (1.0 - before) + (lower + turned) * before
         return np.asarray(found - lower - turned if follows else found)
 
@@ -90,10 +103,13 @@ class RobotModel:
 
     Attributes:
         name: of the robot, from its URDF.
-        origins: (6, 3) of each joint's frame, in the frame of the joint before it [m].
-        rotations: (6, 3, 3) of each joint's frame, likewise, at joint angle zero.
-        joint_axes: (6, 3) unit vectors, in the joints' own frames.
-        limits: (6, 2) of the joint angles [rad].
+        joint_names: of the n joints, from the base.
+        origins: (n, 3) of each joint's frame, in the frame of the joint before it [m].
+        rotations: (n, 3, 3) of each joint's frame, likewise, at joint angle zero.
+        joint_axes: (n, 3) unit vectors, in the joints' own frames.
+        slides: (n,) joints that slide along their axis.
+        limits: (n, 2) of the joint angles [rad], or [m].
+        flange: name of the link that carries the tool.
         flange_position: (3,) of the frame that carries the tool, in the last joint's frame [m].
         flange_rotation: (3, 3) likewise.
         tool_position: (3,) of the tool's origin, in the flange's axes [m].
@@ -101,14 +117,29 @@ class RobotModel:
     """
 
     name: str
+    joint_names: tuple[str, ...]
     origins: FloatArray
     rotations: FloatArray
     joint_axes: FloatArray
+    slides: BoolArray
     limits: FloatArray
+    flange: str
     flange_position: FloatArray
     flange_rotation: FloatArray
     tool_position: FloatArray
     tool_rotation: FloatArray
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def kinematics(self) -> str:
+        """Hash of the joints' placement, to a micrometre and a microradian; not of the tool."""
+        parts = (self.origins, self.rotations, self.joint_axes, self.slides.astype(np.float64))
+        numbers = np.concatenate([np.round(part, 6).ravel() + 0.0 for part in parts])
+        return sha256(numbers.astype("<f8").tobytes()).hexdigest()
 
     def with_tool(self, position: ArrayLike, rotation: ArrayLike | None = None) -> RobotModel:
         """Return the same robot with another tool, such as a virtual spindle's end point.
@@ -126,14 +157,17 @@ class RobotModel:
         )
 
     def posture(self, joints: FloatArray) -> Posture:
-        """Kinematics at (k, 6) joint angles [rad], unchecked."""
-        k = joints.shape[0]
+        """Kinematics at (k, n) joint positions [rad, m], unchecked."""
+        k, n = joints.shape[0], self.n
         position, rotation = np.zeros((k, 3)), np.broadcast_to(np.eye(3), (k, 3, 3))
-        points, axes = np.empty((k, JOINTS, 3)), np.empty((k, JOINTS, 3))
-        for j in range(JOINTS):
+        points, axes = np.empty((k, n, 3)), np.empty((k, n, 3))
+        for j in range(n):
             position = position + rotation @ self.origins[j]
             rotation = rotation @ self.rotations[j]
             points[:, j], axes[:, j] = position, rotation @ self.joint_axes[j]
+            if self.slides[j]:
+                position = position + joints[:, j, None] * axes[:, j]
+                continue
             cross = cross_matrix(self.joint_axes[j])
             sine = np.sin(joints[:, j])[:, None, None]
             versine = (1.0 - np.cos(joints[:, j]))[:, None, None]
@@ -141,7 +175,9 @@ class RobotModel:
         position = position + rotation @ self.flange_position
         rotation = rotation @ self.flange_rotation
         position = position + rotation @ self.tool_position
-        return Posture(position, rotation @ self.tool_rotation, axes, position[:, None, :] - points)
+        arms = position[:, None, :] - points
+        slides = self.slides if self.slides.any() else None
+        return Posture(position, rotation @ self.tool_rotation, axes, arms, slides)
 
     def forward(self, joints: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Pose of the tool.
@@ -155,7 +191,7 @@ class RobotModel:
         Raises:
             ShapeError: if joints has another shape or is not finite.
         """
-        posture = self.posture(finite_array("joints", joints, (JOINTS,))[None])
+        posture = self.posture(finite_array("joints", joints, (self.n,))[None])
         return posture.position[0], posture.rotation[0]
 
     def jacobian(self, joints: ArrayLike, offset: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
@@ -199,7 +235,7 @@ class RobotModel:
         return np.asarray(posture.complementary_stiffness(load[None], follows)[0])
 
     def _at(self, joints: ArrayLike, offset: ArrayLike) -> Posture:
-        posture = self.posture(finite_array("joints", joints, (JOINTS,))[None])
+        posture = self.posture(finite_array("joints", joints, (self.n,))[None])
         moved = posture.rotation @ finite_array("offset", offset, (3,))
         return replace(
             posture, position=posture.position + moved, arms=posture.arms + moved[:, None, :]
@@ -211,14 +247,22 @@ def load_robot(
     tool_frame: str = "",
     tool_position: ArrayLike = (0.0, 0.0, 0.0),
     tool_rotation: ArrayLike | None = None,
+    *,
+    locked: Mapping[str, float] | None = None,
+    least: int = JOINTS,
 ) -> RobotModel:
-    """Read a robot from its URDF.
+    """Read a robot from its URDF: the chain of joints from the base to the link with the tool.
+
+    Joints beside the chain (grippers, balancers) are ignored.
 
     Args:
-        path: URDF of a robot with six revolute joints; None: the bench's IRB 1600-6/1.45.
-        tool_frame: link that carries the tool; empty: the URDF's last.
+        path: URDF; None: the bench's IRB 1600-6/1.45.
+        tool_frame: link that carries the tool; empty: tool0 or flange, else the only link that
+            carries no other, never one with a camera's or a gripper's name.
         tool_position: (3,) of the tool's origin in that link's axes [m].
         tool_rotation: (3, 3) from tool to that link's axes; None: parallel.
+        locked: positions of joints that are held and count as fixed, by name [rad, m].
+        least: joints that the chain must have.
 
     Raises:
         ConfigError: if the file cannot be used, or the frame is not on the last link.
@@ -226,40 +270,36 @@ def load_robot(
     """
     source = Path(rig_file("robot.urdf", path))
     try:
-        model = pinocchio.buildModelFromUrdf(str(source))
-    except (ValueError, RuntimeError) as error:
-        raise ConfigError(f"{source}: expected a URDF, got {error}") from error
-    chain = model.njoints == JOINTS + 1 and model.nv == model.nq == JOINTS
-    if not chain or [int(parent) for parent in model.parents] != [0, *range(JOINTS)]:
+        arm = read_serial_arm(source, tool_frame, sliding=True, locked=locked)
+    except NotSerialError as error:
+        if tool_frame:
+            raise ConfigError(
+                f"{source}: expected a frame named {tool_frame!r}, got none that a chain of joints "
+                f"leads to: {error}"
+            ) from error
+        raise ConfigError(f"{error}; name the link that carries the tool") from error
+    if len(arm.joints) < least:
+        got = ", ".join(arm.joints)
+        if tool_frame:
+            raise ConfigError(
+                f"{source}: expected {tool_frame!r} behind the last joint, got one behind {got}"
+            )
         raise ConfigError(
-            f"{source}: expected a chain of {JOINTS} revolute joints with limits, got joints "
-            f"{', '.join(model.names[1:]) or 'none'}; make the others fixed"
+            f"{source}: expected a chain of {least} revolute joints or more, got joints {got}; "
+            "make the others fixed"
         )
-    name = tool_frame or model.frames[len(model.frames) - 1].name
-    if not model.existFrame(name):
-        known = ", ".join(frame.name for frame in model.frames)
-        raise ConfigError(f"{source}: expected a frame named {name!r}, got {known}")
-    frame = model.frames[model.getFrameId(name)]
-    if frame.parentJoint != JOINTS:
-        raise ConfigError(f"{source}: expected {name!r} behind the last joint, got one before it")
     robot = RobotModel(
-        name=str(model.name),
-        origins=np.array([model.jointPlacements[j + 1].translation for j in range(JOINTS)]),
-        rotations=np.array([model.jointPlacements[j + 1].rotation for j in range(JOINTS)]),
-        joint_axes=np.array([_axis(model, j + 1, source) for j in range(JOINTS)]),
-        limits=np.column_stack([model.lowerPositionLimit, model.upperPositionLimit]),
-        flange_position=np.array(frame.placement.translation),
-        flange_rotation=np.array(frame.placement.rotation),
+        name=arm.name,
+        joint_names=arm.joints,
+        origins=arm.origins,
+        rotations=arm.rotations,
+        joint_axes=arm.axes,
+        slides=arm.slides,
+        limits=arm.limits,
+        flange=arm.flange,
+        flange_position=arm.flange_position,
+        flange_rotation=arm.flange_rotation,
         tool_position=np.zeros(3),
         tool_rotation=np.eye(3),
     )
     return robot.with_tool(tool_position, tool_rotation)
-
-
-def _axis(model: pinocchio.Model, joint: int, source: Path) -> FloatArray:
-    data = model.joints[joint].createData()
-    model.joints[joint].calc(data, pinocchio.neutral(model), np.zeros(model.nv))
-    subspace = np.array(data.S).ravel()
-    if subspace.shape != (6,) or np.abs(subspace[:3]).max() > 1e-12:
-        raise ConfigError(f"{source}: expected joint {model.names[joint]!r} to be revolute")
-    return np.asarray(subspace[3:])

@@ -156,7 +156,6 @@ def foreign(request, tmp_path):
     return tmp_path / "result.yaml"
 
 
-@fails_today(16, "numbers and joint commands, without a word")
 @pytest.mark.parametrize("use", [predict, correct])
 def test_result_of_another_robot_or_a_bad_fit_is_refused(foreign, use):
     found = outcome(lambda: use(read_result(foreign), arm.robot(), POSTURE, WRENCH))
@@ -205,7 +204,6 @@ def test_robot_as_it_is_loads(tmp_path):
     assert loaded(tmp_path, TEXT).limits.shape == (6, 2)
 
 
-@fails_today(16, "refused")
 @pytest.mark.parametrize(
     "text",
     [
@@ -228,7 +226,6 @@ def test_robot_as_it_is_published_loads(tmp_path, text):
     assert not isinstance(loaded(tmp_path, text), Exception)
 
 
-@fails_today(16, "the camera's frame becomes the tool without a word")
 def test_frame_beside_the_tool_is_not_taken_for_it(tmp_path):
     camera = joint("camera", "fixed", "tool0", "wrist_camera", '<origin xyz="0.1 0 0"/>')
     found, as_it_is = loaded(tmp_path, with_more(camera)), load_robot()
