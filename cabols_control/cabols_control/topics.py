@@ -130,6 +130,18 @@ _ROWS = (
         "state, fault and counters of every node's loop",
     ),
     Topic(
+        "stop",
+        "cabols_msgs/msg/Stop",
+        Quality.REPORT,
+        "emergency stop, by any number of senders, repeated until acknowledged",
+    ),
+    Topic(
+        "stop_received",
+        "cabols_msgs/msg/StopReceived",
+        Quality.REPORT,
+        "acknowledgement of a stop by each node that has acted on it",
+    ),
+    Topic(
         "true_limb_state",
         "cabols_msgs/msg/LimbState",
         Quality.CONTROL,

@@ -16,6 +16,8 @@ from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot, declare_row
+from cabols_control.ros.sessions import ModeInput, same_session
+from cabols_control.ros.stops import StopReceiver, stop_reason
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_limb_messages
@@ -28,6 +30,8 @@ NO_SUBSET = [-1]
 
 class LimbControllerNode(ControlNode):
     """Thin node around LimbController."""
+
+    role_topic = "motor_current"
 
     def __init__(self) -> None:
         """Subscribe to limb_state, tension_command and mode; advertise motor_current."""
@@ -45,8 +49,17 @@ class LimbControllerNode(ControlNode):
         state_layout = topics.limb_state_layout(geometry)
         self._state = Input(self, "limb_state", state_layout, lockstep)
         commands = topics.tension_command_layout(geometry)
+        sessions = self.status.sessions
         self._command = Input(self, "tension_command", commands, lockstep)
-        self._mode = Input(self, "mode", topics.mode_layout(), lockstep, every=SLOW_INPUT)
+        self._command.judge = same_session(commands, sessions, lockstep)
+        self._mode = ModeInput(
+            self,
+            sessions,
+            lockstep,
+            every=SLOW_INPUT,
+            clock_ns=lambda: self._state.stamp_ns,
+            on_session=self._follow,
+        )
         self._mode.awaited = not declare_robot(self)
         layout = topics.motor_current_layout(geometry, len(limbs))
         self._answer = layout.record()
@@ -66,6 +79,7 @@ class LimbControllerNode(ControlNode):
         )
         self._loop.prepare = self.prepare_thread
         self._loop.use_pause = self._hear_command
+        self._stops = StopReceiver(self, self._stop)
         self.seen_mode = OperatingMode.STOPPED
         self._mode_count = 0
         self._setpoint: TensionSetpoint | None = None
@@ -75,6 +89,10 @@ class LimbControllerNode(ControlNode):
         every = len(limbs) == geometry.cables and not self.lockstep
         self._commissioning = CommissionServer(self, self._controller) if every else None
 
+    def _follow(self, session: int) -> None:
+        """Answer in another supervisor's session."""
+        self._answer["session"][0] = session
+
     def zeroed(self) -> BoolArray:
         """(n,) bool, limbs with a zero of the pre-tightening under way; none in other modes."""
         state, mode = self._state.record, self._mode.record
@@ -82,6 +100,12 @@ class LimbControllerNode(ControlNode):
         if state is None or not tightening or int(state["zeroing"]) != int(mode["zeroing"]):
             return np.zeros(self._cables.size, dtype=np.bool_)
         return np.array(state["zeroed"], dtype=np.bool_)
+
+    def check_role(self) -> None:
+        """Refuse to start beside another node that drives one of these limbs."""
+        if self._role is not None:
+            limbs = set(self._controller.limbs.tolist())
+            self._role.check(lambda message: bool(limbs & set(message.limb)))
 
     def begin(self) -> None:
         """Start the loop."""
@@ -135,6 +159,10 @@ class LimbControllerNode(ControlNode):
         state = FAULT if fault is not None else RUNNING if complete else WAITING
         self.status.cycle(self._state.stamp_ns, state, fault)
         self.tidy()
+
+    def _stop(self, sender: str) -> None:
+        """Hold the currents at zero until the mode has been STOPPED."""
+        self._trip(FaultName.EMERGENCY_STOP, stop_reason(sender))
 
     def _trip(self, name: FaultName, reason: str) -> None:
         self._controller.trip(Fault(name, reason))

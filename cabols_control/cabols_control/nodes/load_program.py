@@ -24,6 +24,7 @@ from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
+from cabols_control.ros.sessions import ModeInput
 from cabols_control.ros.threads.pause import pause
 from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.rotations import read_pose
@@ -63,7 +64,7 @@ class LoadProgramNode(ControlNode):
         layout = topics.program_wrench_layout(self.rig.geometry.base_frame)
         self._asked = layout.record()
         self._told = self.advertise_live("program_wrench")
-        self._mode = Input(self, "mode", topics.mode_layout(), self.lockstep)
+        self._mode = ModeInput(self, self.status.sessions, self.lockstep)
         # The slow copy: nothing here needs the pose at the control rate.
         poses = topics.pose_layout(self.rig.geometry)
         self._pose = Input(self, live_name("platform_pose"), poses)

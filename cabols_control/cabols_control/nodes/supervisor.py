@@ -19,22 +19,29 @@ from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.roles import SINGLE, Seconds, publishers
+from cabols_control.ros.stops import StopReceiver, stop_reason
 from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.supervision.faults import Fault, FaultName, fault_name
 from cabols_control.supervision.modes import MOVING, Entry, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
+from cabols_control.supervision.session import LOCKSTEP_SESSION
 from cabols_control.supervision.starvation import StarvationWatch
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 
 PERIOD_S = 0.02
 NEWS_S = 0.06
 """Longest silence of the slow limb states, which come every 45 ms [s]."""
+SECONDS_PERIOD_S = 1.0
+"""Between looks for second publishers [s]."""
 REPEAT_EVERY = 5
 """The mode is repeated at 10 Hz, so that its readers notice a silent supervisor."""
 
 
 class SupervisorNode(ControlNode):
     """Thin node around Supervision: reads the limb states 50 times a second."""
+
+    role_topic = "mode"
 
     def __init__(self) -> None:
         """Advertise mode and the services."""
@@ -61,14 +68,20 @@ class SupervisorNode(ControlNode):
         self._state = self._input("limb_state", topics.limb_state_layout(self.rig.geometry))
         self._pose = self._input("platform_pose", topics.pose_layout(self.rig.geometry))
         self._output = self.advertise("mode")
+        # Later supervisors have larger numbers, as long as the computer's clock is not set back.
+        self._session = LOCKSTEP_SESSION if self.lockstep else time.time_ns()
         self._published: Entry | None = None
         self._ticks = 0
         self._starvation = StarvationWatch(NEWS_S)
+        self._seconds = Seconds()
+        self._notice: Fault | None = None
+        self.create_timer(SECONDS_PERIOD_S, self._look_for_seconds)
         self.create_subscription(
             LoopStatus, "loop_status", self._hear_status, topic_qos("loop_status")
         )
         beat = "operator_heartbeat"
         self.create_subscription(OperatorHeartbeat, beat, self._hear_operator, topic_qos(beat))
+        self._stops = StopReceiver(self, self._hear_stop)
         self.create_service(SetMode, "set_mode", self._set_mode)
         self.create_service(Trigger, "emergency_stop", self._emergency_stop)
         self.create_service(Trigger, "reset", self._reset)
@@ -163,12 +176,20 @@ class SupervisorNode(ControlNode):
         record["mode"][0] = int(entry.mode)
         record["cause"][0] = int(entry.cause)
         record["zeroing"][0] = entry.zeroing
+        record["session"][0] = self._session
         self._output.publish(record.raw())
         if entry.mode == OperatingMode.FAULT:
             fault = Fault(entry.fault or FaultName.OTHER, entry.reason)
             self.status.cycle(self._state.stamp_ns, FAULT, fault)
         else:
-            self.status.cycle(self._state.stamp_ns, RUNNING)
+            self.status.cycle(self._state.stamp_ns, RUNNING, self._notice)
+
+    def _look_for_seconds(self) -> None:
+        """Name nodes that publish what another one does."""
+        found = [one for topic in SINGLE for one in publishers(self, topic)]
+        told = self._seconds.look(found, time.monotonic())
+        with self._lock:
+            self._notice = Fault(FaultName.SECOND_PUBLISHER, told) if told else None
 
     def _hear_status(self, message: LoopStatus) -> None:
         if message.node == self.get_name():
@@ -204,6 +225,11 @@ class SupervisorNode(ControlNode):
         while self._state.count == heard and time.monotonic() < give_up:
             time.sleep(0.002)
             self._hear_news()
+
+    def _hear_stop(self, sender: str) -> None:
+        with self._lock:
+            self._core.emergency_stop(stop_reason(sender))
+            self._publish_change()
 
     def _emergency_stop(self, request: Any, response: Any) -> Any:
         del request

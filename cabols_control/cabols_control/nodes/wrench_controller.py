@@ -13,6 +13,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_robot, declare_row
+from cabols_control.ros.sessions import ModeInput, same_session
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
@@ -29,6 +30,8 @@ LOCKSTEP_EXCUSE_NS = 1_000_000_000
 
 class WrenchControllerNode(ControlNode):
     """Thin node around WrenchController."""
+
+    role_topic = "live/tension_command"
 
     def __init__(self) -> None:
         """Subscribe to wrench, setpoints, platform_pose and mode; advertise tension_command."""
@@ -47,7 +50,9 @@ class WrenchControllerNode(ControlNode):
         wrenches = topics.wrench_layout(geometry.base_frame)
         self._wrench_setpoint = Input(self, "desired_wrench", wrenches, lockstep)
         tensions = topics.desired_tension_layout(geometry)
+        sessions = self.status.sessions
         self._tension_setpoint = Input(self, "desired_tension", tensions, lockstep, every=2)
+        self._tension_setpoint.judge = same_session(tensions, sessions, lockstep)
         # A campaign sends its setpoints at any time, also in lockstep.
         self._tension_setpoint.awaited = False
         pose = topics.pose_layout(geometry)
@@ -55,7 +60,14 @@ class WrenchControllerNode(ControlNode):
         # A robot reports at its own rate, so that even in lockstep its newest pose is used.
         robot = declare_robot(self)
         self._pose.awaited = self._wrench_setpoint.awaited = not robot
-        self._mode = Input(self, "mode", topics.mode_layout(), lockstep, every=SLOW_INPUT)
+        self._mode = ModeInput(
+            self,
+            sessions,
+            lockstep,
+            every=SLOW_INPUT,
+            clock_ns=lambda: self._wrench.stamp_ns,
+            on_session=self._follow,
+        )
         self._mode.awaited = not robot
         layout = topics.tension_command_layout(geometry)
         self._answer = layout.record()
@@ -75,6 +87,10 @@ class WrenchControllerNode(ControlNode):
         companions = [self._mode, self._pose, self._wrench_setpoint, self._tension_setpoint]
         self._loop = ControlLoop(self, self._wrench, companions, self._step, self.lockstep)
         self._loop.prepare = self.prepare_thread
+
+    def _follow(self, session: int) -> None:
+        """Answer in another supervisor's session."""
+        self._answer["session"][0] = session
 
     def begin(self) -> None:
         """Start the loop."""

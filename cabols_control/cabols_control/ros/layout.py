@@ -167,6 +167,10 @@ class Layout:
             setattr(target, last, self._strings.get(name, ""))
         return bytes(serialize_message(message))
 
+    def offset_of(self, name: str) -> int:
+        """Place of a field from the start of the serialised message [bytes]."""
+        return int(self.dtype.fields[name][1])
+
     def stamp_of(self, laid_out: bytes) -> int:
         """Header's time of a message in this layout [ns]."""
         seconds, nanoseconds = STAMP.unpack_from(laid_out, self._stamp_at)

@@ -64,6 +64,8 @@ class Input:
         lost: publications missing between those that arrived.
         error: why the newest message was refused; empty if it was not.
         raw: newest message's bytes, valid or not.
+        judge: whether a message in the layout is for this reader; None: each is. Another one
+            leaves no trace here.
         every: number of cycles between two reads of a loop (in lockstep it reads in each cycle).
         awaited: whether a lockstep loop waits for its message of the same stamp.
     """
@@ -106,6 +108,7 @@ class Input:
         self.lost = 0
         self.error = ""
         self.raw = b""
+        self.judge: Callable[[bytes], bool] | None = None
 
     @property
     def record(self) -> Any:
@@ -138,18 +141,23 @@ class Input:
         return taken is not None and self._accept(*taken)
 
     def _accept(self, raw: bytes, info: dict[str, Any]) -> bool:
+        error, laid_out = "", b""
+        try:
+            laid_out = self._layout.laid_out(raw)
+        except LayoutError as caught:
+            error = str(caught)
+        if self.judge is not None and not error and not self.judge(laid_out):
+            return False
         self.raw = raw
         self.received_ns = time.monotonic_ns()
         number = info["publication_sequence_number"]
         if self.dds_sequence and number > self.dds_sequence + 1:
             self.lost += number - self.dds_sequence - 1
         self.dds_sequence = number
-        try:
-            self.laid_out = self._layout.laid_out(raw)
-        except LayoutError as error:
-            self.error = str(error)
+        self.error = error
+        if error:
             return False
-        self.error = ""
+        self.laid_out = laid_out
         self._record = None
         self.stamp_ns = self._layout.stamp_of(self.laid_out)
         self.count += 1

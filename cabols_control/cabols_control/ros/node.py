@@ -34,11 +34,13 @@ from cabols_control.ros.parameters import (
     declare_rig_folder,
     declare_scheduling,
 )
+from cabols_control.ros.roles import RoleCheck
 from cabols_control.ros.status.diagnostics import Diagnostics, Health
 from cabols_control.ros.status.loop_log import LoopLog
 from cabols_control.ros.status.statistics import Durations
 from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.faults import Fault, FaultName
+from cabols_control.supervision.session import SessionFollower
 from cabols_control.topics import NAMESPACE
 
 RCLError = rclpy_implementation.RCLError
@@ -56,6 +58,7 @@ class Status:
 
     Attributes:
         log: of the loop.
+        sessions: the supervisor's session that the node follows.
         on_change: called after each change of state or reason.
         counted: further counters for /diagnostics, by name.
         notice: told with every report in which the loop has nothing of its own to tell.
@@ -72,6 +75,7 @@ class Status:
         self.log = LoopLog(node)
         self.notice: Fault | None = None
         self.on_change: Callable[[], object] = lambda: None
+        self.sessions = SessionFollower()
         self.cycles = 0
         self.lost = 0
         self.late = 0
@@ -107,6 +111,7 @@ class Status:
         record["state"][0] = state
         for name in ("cycles", "lost", "late", "infeasible"):
             record[name][0] = getattr(self, name)
+        record["dropped"][0] = self.sessions.dropped
         if not self._lockstep:
             record["work_time"][0], record["work_time_p99"][0] = self.work.summary()
             record["round_trip"][0], record["round_trip_p99"][0] = self.round_trip.summary()
@@ -117,6 +122,7 @@ class Status:
         state, fault = self._reported
         counted = ("cycles", "lost", "late", "infeasible")
         counters = {name: getattr(self, name) for name in counted} | self.counted
+        counters["dropped"] = self.sessions.dropped
         return Health(max(state, WAITING), fault, counters)
 
     def _log(self, state: int, fault: Fault | None) -> None:
@@ -132,6 +138,9 @@ class Status:
 
 class ControlNode(Node):
     """A node of the control graph with the rig's configuration and a status."""
+
+    role_topic = ""
+    """Topic by which another node in the same role is heard; empty: there may be several."""
 
     def __init__(self, name: str) -> None:
         """Declare the common parameters and read the rig.
@@ -150,6 +159,9 @@ class ControlNode(Node):
             "lockstep: run at the computer's own pace, as the clock does not wait for this node",
         )
         self.paced = self.lockstep and not beside
+        # From now on, so that listening costs no time of its own.
+        listens = self.role_topic and not self.lockstep
+        self._role = RoleCheck(self, self.role_topic) if listens else None
         self._scheduling = declare_scheduling(self)
         wanted = declare(
             self,
@@ -174,6 +186,15 @@ class ControlNode(Node):
         """Return the same for a topic with a slow copy."""
         self.outputs[topic] = output = LiveOutput(self, topic, self.lockstep)
         return output
+
+    def check_role(self) -> None:
+        """Refuse to start beside another node in this role; called before begin().
+
+        Raises:
+            RoleTakenError: if there is one.
+        """
+        if self._role is not None:
+            self._role.check()
 
     def prepare_thread(self) -> None:
         """Prepare the control thread before its first cycle: readers, garbage, scheduling."""
@@ -248,6 +269,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     try:
         transport.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
+        node.check_role()
     except (CabolsError, ParameterException, *ROS_ARGUMENT_ERRORS) as error:
         code = fail(str(error), USAGE)
         rclpy.try_shutdown()

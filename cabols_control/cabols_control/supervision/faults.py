@@ -71,6 +71,8 @@ class FaultName(str, Enum):
     PRETIGHTENING_TIME = "pretightening_time"
     UNLOADING_TIME = "unloading_time"
     EMERGENCY_STOP = "emergency_stop"
+    SECOND_PUBLISHER = "second_publisher"
+    """Two nodes publish a topic that has one publisher."""
     # Found by the stiffness identification.
     IDENTIFICATION = "identification"
     OTHER = "other"

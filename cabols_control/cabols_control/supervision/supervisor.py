@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,12 @@ from cabols_control.supervision.modes import (
 
 FOLLOWED_S = 1.0
 """Longest time from the mode's entry to the first sample that the bridge takes in it."""
+COMPLAINT_PERIODS = 3.0
+"""A complaint that is not repeated ends after this many report time-outs: its sender has gone."""
+RESET_TRAVELS_S = 1.0
+"""Reports of a stop that are no later than this after its reset are from before [s]."""
+SENDERS = 64
+"""Reports are kept of this many nodes; a rig has about a dozen."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +76,13 @@ class Supervision:
         self._newest_s = -np.inf
         self._entered_s = -np.inf
         self._started = False
+        self._automatic = config.auto_start
+        self._reset_s = -np.inf
         self._reports: dict[str, float] = {}
-        self._complaints: dict[str, Fault] = {}
         self._untared: dict[str, str] = {}
         self._leaving: dict[str, str] = {}
         self._recorded_s = np.inf
+        self._complaints: dict[str, tuple[Fault, float]] = {}
         self._platform: FloatArray | None = None
         self._platform_s = -np.inf
         self._platform_speed = 0.0
@@ -113,6 +122,8 @@ class Supervision:
         """
         if np.isnan(self._first_s):
             self._first_s = stamp_s
+            # Zeros that are not this supervisor's: it was restarted, and starts nothing by itself.
+            self._automatic = self._automatic and not zeroing
         if back := clock_fault("limb_state", stamp_s - self._newest_s):
             self._start_anew(stamp_s, back)
         self._newest_s = stamp_s
@@ -124,7 +135,7 @@ class Supervision:
             self._watch_pretightening(stamp_s)
         elif self.mode == OperatingMode.UNLOADING:
             self._watch_unloading(stamp_s, tension)
-        if self._config.auto_start:
+        if self._automatic:
             self._advance(stamp_s)
 
     def _zeros(self) -> BoolArray | None:
@@ -226,13 +237,32 @@ class Supervision:
             self._recorded_s = now_s if running else np.inf
         overload = fault is not None and fault.name == OVERLOAD
         if running or overload:
-            self._reports[node] = now_s
+            self._note(self._reports, node, now_s)
         if fault is None:
             self._complaints.pop(node, None)
             return
-        self._complaints[node] = fault
-        if self.mode in MOVING and not (overload and self._relieves(stamp_s)):
+        self._note(self._complaints, node, (fault, now_s))
+        if fault.name == FaultName.EMERGENCY_STOP:
+            # Perhaps pressed while no supervisor ran: the bridge has cut, only a reset lifts it.
+            if not now_s - self._reset_s < RESET_TRAVELS_S:
+                self.emergency_stop(fault.reason)
+        elif self.mode in MOVING and not (overload and self._relieves(stamp_s)):
             self._machine.fault(fault, node)
+
+    def _note(self, notes: dict[str, Any], node: str, note: Any) -> None:
+        """Keep a node's newest note; of too many nodes, the one that was new first goes."""
+        known = (*self._config.controllers, *self._config.bridges)
+        if node not in notes and len(notes) >= SENDERS:
+            notes.pop(next((name for name in notes if name not in known), node), None)
+        notes[node] = note
+
+    def _present_complaints(self, now_s: float) -> dict[str, Fault]:
+        """Complaints whose senders still repeat them; the others are dropped."""
+        oldest = now_s - COMPLAINT_PERIODS * self._config.report_timeout_s
+        for node, (_, heard_s) in list(self._complaints.items()):
+            if not heard_s >= oldest:
+                del self._complaints[node]
+        return {node: fault for node, (fault, _) in self._complaints.items()}
 
     def _relieves(self, stamp_s: float) -> bool:
         """Whether FREE_MOVING takes off an overload that was found at stamp_s.
@@ -270,7 +300,7 @@ class Supervision:
             for node, reason in self._leaving.items():
                 return Verdict(ResultCode.NOT_READY, f"{node}: {reason}")
             # A node with a fault does not count as running: its fault is the better answer.
-            for node, complaint in self._complaints.items():
+            for node, complaint in self._present_complaints(now_s).items():
                 overload = complaint.name == OVERLOAD
                 if overload and requested == OperatingMode.FREE_MOVING:
                     continue
@@ -296,11 +326,16 @@ class Supervision:
 
     def emergency_stop(self, reason: str) -> None:
         """Latch FAULT at once; the bridge cuts, also an unloading under way."""
+        self._automatic = False
         self._machine.emergency(reason)
 
     def reset(self) -> Verdict:
-        """Leave FAULT for STOPPED; the automatic sequence does not start again."""
-        return self._machine.reset()
+        """Leave FAULT for STOPPED; no motion follows, also no automatic start (ISO 13850)."""
+        self._automatic = False
+        verdict = self._machine.reset()
+        if verdict.allowed:
+            self._reset_s = self._newest_s
+        return verdict
 
     def fresh(self, now_s: float) -> bool:
         """Whether limb states arrive.

@@ -23,6 +23,7 @@ from cabols_control.errors import ConfigError
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
+from cabols_control.ros.stops import StopLatch
 from cabols_control.ros.threads.pause import pause
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import MOVING, OperatingMode
@@ -51,6 +52,8 @@ class AbbTrackerBridge(ControlNode):
     platform_pose is EGM's Cartesian feedback of the RAPID program's tool, whose frame is the
     platform's; it comes from the encoders and does not contain the joints' deflection.
     """
+
+    role_topic = "live/joint_states"
 
     def __init__(self) -> None:
         """Open the robot's stream; advertise topics and actions.
@@ -109,6 +112,7 @@ class AbbTrackerBridge(ControlNode):
         )
         self._stream = RobotStream(self, self._reader, base, stale, robot_clock)
         self._stream.on_fault = lambda: Worker(self._halt)
+        self._stops = self._stream.stops = StopLatch(self, lambda: Worker(self._halt))
         self._robot_clock = robot_clock
         return speed
 
@@ -211,6 +215,8 @@ class AbbTrackerBridge(ControlNode):
 
     def _forbidden(self) -> str:
         """Why the robot may not move in this mode; empty if it may."""
+        if self._stops.fault is not None:
+            return f"{self._stops.fault.reason}: call reset"
         present = self._stream.mode
         if present is None:
             return "no mode received: is the supervisor running?"

@@ -18,6 +18,8 @@ from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare_row
+from cabols_control.ros.sessions import ModeInput, same_session
+from cabols_control.ros.stops import StopLatch
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
@@ -54,6 +56,7 @@ class BridgeNode(ControlNode):
     """
 
     keeps_bias = True
+    role_topic = "live/limb_state"
 
     def __init__(self, name: str, make_daq: DaqFactory) -> None:
         """Open the card and advertise.
@@ -76,8 +79,17 @@ class BridgeNode(ControlNode):
         self._safety_config = self.safety_config()
         self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
         currents = topics.motor_current_layout(geometry, n)
+        sessions = self.status.sessions
         self._current_input = Input(self, "motor_current", currents, self.lockstep)
-        self._mode_input = Input(self, "mode", topics.mode_layout(), self.lockstep)
+        self._current_input.judge = same_session(currents, sessions, self.lockstep)
+        self._newest_ns = 0
+        self._mode_input = ModeInput(
+            self,
+            sessions,
+            self.lockstep,
+            clock_ns=lambda: self._newest_ns,
+            on_session=self._follow,
+        )
         self._answers = [self._current_input, self._mode_input, *self.extra_inputs()]
         self._state = topics.limb_state_layout(geometry).record()
         self._state["limb"][:] = np.arange(n)
@@ -103,6 +115,7 @@ class BridgeNode(ControlNode):
         self._end_asked_s = 0.0
         self._sent_ns = np.zeros(RING, dtype=np.int64)
         self._stop = threading.Event()
+        self._stops = StopLatch(self, self._press_stop, self._guard.release_stop)
         self._failure: BaseException | None = None
         body = self._lockstep_body if self.lockstep else self._sample_body
         self._threads = [threading.Thread(target=self._run_thread, args=(body,), daemon=True)]
@@ -182,6 +195,10 @@ class BridgeNode(ControlNode):
         if mode != OperatingMode.UNLOADING and self._newest_s - self._end_asked_s > HELP_S:
             guard.ending = True
         return False
+
+    def _follow(self, session: int) -> None:
+        """Say in the limb states whose modes are followed."""
+        self._state["session"][0] = session
 
     def begin(self) -> None:
         """Start the card and the threads."""
@@ -277,7 +294,7 @@ class BridgeNode(ControlNode):
             current = 0.0 if self.daq.watchdog_expired else self.bridge.current
         self._supervise(sample)
         self._sequence += 1
-        self._newest_s = 1e-9 * sample.time_ns
+        self._newest_ns, self._newest_s = sample.time_ns, 1e-9 * sample.time_ns
         state, wrench = self._state, self._wrench
         state.stamp(sample.time_ns)
         state["sequence"][0] = self._sequence
@@ -296,7 +313,7 @@ class BridgeNode(ControlNode):
 
     def _take_answers(self) -> None:
         if self.lockstep:
-            self._take_mode()
+            self._hear_mode()
         came = self._current_input.take()
         if came:
             self._accept_current()
@@ -305,7 +322,7 @@ class BridgeNode(ControlNode):
         self._turns += 1
         # Without currents a turn takes ANSWER_WAIT_NS: each turn then reads the mode.
         if not self.lockstep and (not came or self._turns % SLOW_INPUT == 0):
-            self._take_mode()
+            self._hear_mode()
         self.on_inputs()
 
     def _accept_current(self) -> None:
@@ -355,6 +372,11 @@ class BridgeNode(ControlNode):
         if expired and self._mode not in MOVING:
             self.daq.clear_watchdog()
 
+    def _hear_mode(self) -> None:
+        self._take_mode()
+        if self._stops.fault is not None:
+            self._stops.follow(self._mode, self._mode_input.record)
+
     def _take_mode(self) -> None:
         if not self._mode_input.take():
             return
@@ -368,6 +390,11 @@ class BridgeNode(ControlNode):
             self._guard.emergency_stop()
             self._write()
 
+    def _press_stop(self) -> None:
+        """Cut at once, whatever the mode and whoever owns it."""
+        self._guard.press_stop()
+        self._write()
+
     def _report(self, stamp_ns: int) -> None:
         fault = self._guard.fault
         self.status.late = self.daq.late
@@ -378,7 +405,9 @@ class BridgeNode(ControlNode):
         if self.status.cycles % NOTICE_EVERY == 0:
             resting = self._mode not in MOVING and not self._guard.unloading.active
             self._notice = self._bias_keeper.look(resting)
-        if fault is not None:
+        if self._stops.fault is not None:
+            self.status.cycle(stamp_ns, FAULT, self._stops.fault)
+        elif fault is not None:
             self.status.cycle(stamp_ns, FAULT, fault.told())
         else:
             self.status.cycle(stamp_ns, answered, self._refused or self._notice)

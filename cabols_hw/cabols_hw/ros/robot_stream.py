@@ -14,8 +14,9 @@ from sensor_msgs.msg import JointState
 from cabols_control.checks import finite_array
 from cabols_control.naming import number
 from cabols_control.ros import topics
-from cabols_control.ros.loop import Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
+from cabols_control.ros.sessions import ModeInput
+from cabols_control.ros.stops import StopLatch
 from cabols_control.ros.threads.guarded_thread import GuardedThread
 from cabols_control.rotations import pose_matrix
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
@@ -117,11 +118,11 @@ class RobotStream(GuardedThread):
         self._joints = JointStateBytes(JOINT_NAMES)
         self._pose_output = node.advertise_live("platform_pose")
         self._joint_output = node.advertise_live("joint_states")
-        layout = topics.mode_layout()
-        self._mode_input = Input(node, "mode", layout, node.lockstep)
+        self._mode_input = ModeInput(node, node.status.sessions, node.lockstep)
         self.newest: EgmSample | None = None
         self.stamp_ns = 0
         self.mode: OperatingMode | None = None
+        self.stops: StopLatch | None = None
         self.on_fault: Callable[[], object] = lambda: None
 
     def platform(self) -> tuple[np.ndarray, np.ndarray]:
@@ -156,6 +157,8 @@ class RobotStream(GuardedThread):
 
     def _hear_mode(self) -> None:
         before, self.mode = self.mode, OperatingMode(int(self._mode_input.record["mode"]))
+        if self.stops is not None and self.stops.fault is not None:
+            self.stops.follow(self.mode, self._mode_input.record)
         if self.mode == OperatingMode.FAULT and before not in (None, self.mode):
             self.on_fault()
 

@@ -54,6 +54,7 @@ class BridgeGuard:
         self._moved = False
         self._emergency = False
         self.ending = False
+        self._pressed = False
 
     @property
     def enabled(self) -> bool:
@@ -105,7 +106,7 @@ class BridgeGuard:
         if mode == OperatingMode.STOPPED and before is not None:
             self._rest_all()
         if mode == OperatingMode.STOPPED:
-            self._emergency = False
+            self._emergency = self._pressed
         reacts = fault is not None and fault is not before
         if fault is not None and reacts:
             self._react(fault, now_s, bridge, mode, moved or recovers)
@@ -156,6 +157,15 @@ class BridgeGuard:
         self.yielding.stop()
         self._unloads = self._yields = False
 
+    def press_stop(self) -> None:
+        """Cut as emergency_stop() does; holds, in every mode, until release_stop()."""
+        self._pressed = True
+        self.emergency_stop()
+
+    def release_stop(self) -> None:
+        """Let a reset lift what press_stop() holds."""
+        self._pressed = False
+
     def _judge_commands(self, now_s: float, mode: OperatingMode, card_expired: bool) -> None:
         at_rest = mode not in MOVING
         if self.ending and not at_rest:
@@ -180,7 +190,7 @@ class BridgeGuard:
             moved: whether limbs moved when it was found.
         """
         self._rest_all()
-        if not (moved or mode in MOVING):
+        if self._emergency or not (moved or mode in MOVING):
             return
         self._trusted = np.isfinite(self.safety.tension_bound)
         if fault.limb >= 0 and bridge.zeroed[fault.limb]:

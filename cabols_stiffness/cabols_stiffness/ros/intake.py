@@ -18,6 +18,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.loop import Input, make_wait_set, subscribe_aside, wait_for
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.sessions import ModeInput
 from cabols_control.ros.threads.guarded_thread import GuardedThread
 from cabols_control.stamps import column_ns, time_ns
 from cabols_control.supervision.modes import OperatingMode
@@ -168,7 +169,7 @@ class Intake(GuardedThread):
         states, poses = topics.limb_state_layout(geometry), topics.pose_layout(geometry)
         self._state = Input(node, "limb_state", states, lockstep, depth=1)
         self._pose = Input(node, "platform_pose", poses, lockstep, depth=1)
-        self._mode = Input(node, "mode", topics.mode_layout(), lockstep)
+        self._mode = ModeInput(node, node.status.sessions, lockstep)
         self._wait_set = make_wait_set(node, 1)
         self.news = threading.Condition()
         self.wrenches, self.joints = self._wrench.rolling, self._joint.rolling

@@ -23,6 +23,7 @@ class TensionLeader:
         self._record = layout.record()
         self._record["limb"][:] = np.arange(node.rig.geometry.cables)
         self._output = node.advertise("desired_tension")
+        self._sessions = node.status.sessions
         self.rest = np.full(node.rig.geometry.cables, node.rig.holding_tension)
         self._lock = threading.Lock()
         self._goal = self.rest.copy()
@@ -64,5 +65,6 @@ class TensionLeader:
             self._setpoint += np.clip(self._goal - self._setpoint, -reach, reach)
             self._record.stamp(now_ns)
             self._record["tension"][:] = self._setpoint
+            self._record["session"][0] = self._sessions.session
             raw = self._record.raw()
         self._output.publish(raw)

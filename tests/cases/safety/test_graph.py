@@ -48,7 +48,6 @@ def more_states(watcher, count):
     watcher.wait(lambda: len(watcher.seen["limb_state"]) > seen + count, "limb states")
 
 
-@fails_today(13, "plant and both controllers end")
 def test_mode_that_does_not_exist_ends_no_node():
     def scenario(watcher, pids):
         running(watcher)
@@ -64,7 +63,6 @@ def test_mode_that_does_not_exist_ends_no_node():
     assert ended.first == ""
 
 
-@fails_today(13, "motors move by a stranger's mode")
 def test_strangers_mode_moves_no_motor():
     def scenario(watcher, pids):
         running(watcher)
@@ -79,7 +77,6 @@ def test_strangers_mode_moves_no_motor():
     assert current == 0.0
 
 
-@fails_today(13, "currents go on and off, and nothing says that there are two")
 def test_second_supervisor_changes_no_mode():
     modes = []
 

@@ -14,7 +14,10 @@ from rclpy.task import Future
 from cabols_control.console.dispatcher import Answer
 from cabols_control.console.latest import NOTICE, WARNING, LatestValues
 from cabols_control.ros.rig_client.calls import ACTIONS, ONCE, SERVICES, RigCalls
+from cabols_control.ros.stops import StopSender
+from cabols_control.supervision.supervisor import SupervisionConfig
 
+BRIDGES = SupervisionConfig.bridges
 ANSWER_S = 5.0
 """Longest wait for an answer [s]."""
 MATCH_S = 3.0
@@ -23,6 +26,11 @@ LOOK_AGAIN_S = 0.02
 """Between looks whether a server is matched [s]."""
 REPEAT_S = 0.5
 """A request is sent again when there was no answer for this long [s]; some never are: ONCE."""
+STOP = "emergency_stop"
+STOPPERS = frozenset((*BRIDGES, "supervisor"))
+"""Nodes of which one suffices: a bridge has cut, the supervisor has latched FAULT."""
+TOLD_AFTER_S = 0.5
+"""After a stop the page is told who has acknowledged it [s]."""
 CAMPAIGN = {key: f"{key}_stiffness_test" for key in ("pause", "resume", "abort", "report")}
 """Names of services that the page calls by less."""
 
@@ -38,6 +46,8 @@ class Calls:
         self._latest = latest
         self._calls = RigCalls(node)
         self._calls.prepare(tuple(SERVICES.keys() - {"inject_fault"}), tuple(ACTIONS))
+        # A stand-in of a node, for tests of the services alone, has no topics.
+        self._stops = StopSender(node) if isinstance(node, Node) else None
         self._activities: dict[str, dict[str, Any]] = {}
         self._handles: dict[str, Any] = {}
 
@@ -52,6 +62,35 @@ class Calls:
             service: its name, or a short one of a campaign's.
             fields: of the request.
         """
+        if service == STOP and self._stops is not None:
+            return await self._stop(self._stops)
+        return await self._ask(service, fields)
+
+    async def _stop(self, stops: StopSender) -> Answer:
+        """Press the stop on its topic and ask the service at once: whichever comes first counts."""
+        number = stops.press("the console")
+        asking = asyncio.ensure_future(self._ask(STOP, {}))
+        loop = asyncio.get_running_loop()
+        give_up = loop.time() + ANSWER_S + MATCH_S
+        while not asking.done() and loop.time() < give_up:
+            if STOPPERS & set(stops.acknowledged(number)):
+                break
+            await asyncio.sleep(LOOK_AGAIN_S)
+        await asyncio.sleep(LOOK_AGAIN_S)
+        answer = asking.result() if asking.done() else Answer(False, "the supervisor is silent")
+        asking.add_done_callback(lambda _: None)
+        nodes = stops.acknowledged(number)
+        loop.call_later(TOLD_AFTER_S, lambda: self._tell_of_stop(stops.acknowledged(number)))
+        if not STOPPERS & set(nodes):
+            return answer
+        return Answer(True, f"stopped, acknowledged by {', '.join(nodes)}; call reset to go on")
+
+    def _tell_of_stop(self, nodes: list[str]) -> None:
+        level = NOTICE if set(BRIDGES) & set(nodes) else WARNING
+        names = ", ".join(nodes) or "nobody"
+        self._latest.tell(level, "emergency stop", f"acknowledged by {names}")
+
+    async def _ask(self, service: str, fields: dict[str, Any]) -> Answer:
         name = CAMPAIGN.get(service, service)
         loop = asyncio.get_running_loop()
         if not await self._found(name):

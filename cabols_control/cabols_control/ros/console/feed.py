@@ -31,6 +31,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input
 from cabols_control.ros.reader import Reader
+from cabols_control.ros.sessions import ModeFilter
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import fault_name
 from cabols_control.supervision.modes import Cause, Entry, OperatingMode
@@ -64,6 +65,7 @@ class Feed:
         self._pose = live("platform_pose", topics.pose_layout(geometry))
         self._joints = Reader(node, live_name("joint_states"))
         self._modes = Reader(node, "mode")
+        self._filter = ModeFilter()
         self._status = Reader(node, "loop_status")
         self._diagnostics = Reader(node, "/diagnostics")
         self._measured = Reader(node, "reflector_measurement")
@@ -143,6 +145,8 @@ class Feed:
 
     def _hear_modes(self) -> None:
         for message in self._modes.take():
+            if not self._filter.admits(message):
+                continue
             self._mode_s = time.monotonic()
             mode = OperatingMode(message.mode)
             entry = Entry(

@@ -315,12 +315,23 @@ class RigClient(RigConnection):
         return self.run("run_program", on_feedback, program=program, scale=scale, checked=checked)
 
     def emergency_stop(self, timeout_s: float = ANSWER_S) -> None:
-        """Cut all currents and latch FAULT.
+        """Cut all currents, stop the robot and latch FAULT.
+
+        Sent on the topic `stop` until it is acknowledged, and asked of the supervisor besides.
 
         Raises:
-            RigError: if the supervisor does not answer, or refuses.
+            RigError: if no bridge has acknowledged it, and the supervisor does not answer, or
+                refuses.
         """
-        self.ask("emergency_stop", timeout_s)
+        number = self.stops.press(self.node.get_name())
+        give_up = time.monotonic() + timeout_s
+        while (left := give_up - time.monotonic()) > ASK_AGAIN_S:
+            with suppress(RigTimeoutError):
+                self.ask("emergency_stop", min(ASK_AGAIN_S, left))
+                return
+            if set(self.stops.acknowledged(number)) & {*BRIDGES, "supervisor"}:
+                return
+        self.ask("emergency_stop", max(left, 0.0))
 
     def reset(self, timeout_s: float = ANSWER_S) -> None:
         """Leave FAULT for STOPPED, and wait for it.

@@ -18,6 +18,8 @@ from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.rig_client.calls import RigCalls
 from cabols_control.ros.rig_client.errors import AbandonedError, RigFaultError, RigTimeoutError
+from cabols_control.ros.sessions import ModeFilter
+from cabols_control.ros.stops import StopSender
 from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.topics import LIVE, NAMESPACE, Quality, topic_row
@@ -33,6 +35,7 @@ class RigConnection:
 
     Attributes:
         calls: services and actions as futures, for what has no method here.
+        stops: presses the stop on its topic.
     """
 
     def __init__(
@@ -59,11 +62,13 @@ class RigConnection:
         self._news = threading.Condition()
         self._abandoned = threading.Event()
         self._mode: Mode | None = None
+        self._filter = ModeFilter()
         self._readers: dict[str, tuple[Reader, Any, int]] = {}
         self._reports: dict[str, LoopStatus] = {}
         self._owned = node is None
         self._node = self._own_node(name, domain) if node is None else node
         self.calls = RigCalls(self._node)
+        self.stops = StopSender(self._node)
         # Reports come often and are polled; a mode wakes waiting threads.
         self._status = Reader(self._node, "loop_status")
         mode = self._node.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode"))
@@ -101,6 +106,7 @@ class RigConnection:
 
     def _destroy(self) -> None:
         self.calls.close()
+        self.stops.destroy()
         for reader, *_ in self._readers.values():
             self._node.destroy_subscription(reader.subscription)
         for subscription in self._subscriptions:
@@ -129,6 +135,8 @@ class RigConnection:
         return self._mode
 
     def _hear_mode(self, message: Mode) -> None:
+        if not self._filter.admits(message):
+            return
         with self._news:
             self._mode = message
             self._news.notify_all()

@@ -1,0 +1,191 @@
+"""The stop topic: who presses repeats until it is acknowledged, who hears acts and acknowledges.
+
+A service's request is lost if its server has just died: it is sent to an endpoint that still
+counts as there (ISO 13850: a stop must not depend on that). A stop is therefore also a message to
+whoever listens, of any number of senders, and sent again and again.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cabols_msgs.msg import Stop, StopReceived
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+
+from cabols_control.ros.qos import topic_qos
+from cabols_control.stamps import set_time
+from cabols_control.supervision.faults import Fault, FaultName
+from cabols_control.supervision.modes import Cause, OperatingMode
+
+REPEAT_S = 0.05
+"""Period of a stop's repetitions [s]."""
+GIVE_UP_S = 10.0
+"""A stop is repeated no longer than this [s]."""
+LINGER_S = 1.0
+"""After the first acknowledgement it is repeated so long, for nodes that are just starting [s]."""
+SENDER_SIZE = 100
+"""Of a sender's name this much is shown [characters]."""
+REMEMBERED = 256
+"""Presses that a receiver remembers: repetitions are acknowledged, not acted on again."""
+
+
+def stop_reason(sender: str) -> str:
+    """Return why the rig stopped, for people.
+
+    Args:
+        sender: who pressed; empty: not known.
+    """
+    return f"emergency stop by {sender[:SENDER_SIZE]}" if sender else "emergency stop"
+
+
+def _nothing() -> None:
+    pass
+
+
+class StopReceiver:
+    """Acts on each stop once, and acknowledges each of its messages."""
+
+    def __init__(
+        self,
+        node: Node,
+        act: Callable[[str], object],
+        group: CallbackGroup | None = None,
+    ) -> None:
+        """Listen in the node's executor.
+
+        Args:
+            node: that stops what it drives.
+            act: stops it; called with who pressed. An acknowledgement follows when it returns.
+            group: of the callback; None: the node's own.
+        """
+        self._name = node.get_name()
+        self._act = act
+        self._heard: dict[int, None] = {}
+        self._answers = node.create_publisher(
+            StopReceived, "stop_received", topic_qos("stop_received")
+        )
+        node.create_subscription(Stop, "stop", self._hear, topic_qos("stop"), callback_group=group)
+
+    def _hear(self, message: Stop) -> None:
+        number = int(message.number)
+        if number not in self._heard:
+            self._act(str(message.sender))
+            if len(self._heard) >= REMEMBERED:
+                self._heard.pop(next(iter(self._heard)))
+            self._heard[number] = None
+        self._answers.publish(StopReceived(number=number, node=self._name))
+
+
+class StopLatch(StopReceiver):
+    """Holds a stop, whatever mode comes, until a supervisor has latched it and was then reset.
+
+    Attributes:
+        fault: to be reported while it holds, so that a supervisor which did not run when the stop
+            was pressed latches it; None else.
+    """
+
+    def __init__(
+        self, node: Node, stop: Callable[[], object], release: Callable[[], object] = _nothing
+    ) -> None:
+        """Listen in the node's executor.
+
+        Args:
+            node: that stops what it drives.
+            stop: stops it.
+            release: lets it move again.
+        """
+        self.fault: Fault | None = None
+        self._latched = False
+        self._stop, self._release = stop, release
+        super().__init__(node, self._press)
+
+    def _press(self, sender: str) -> None:
+        self._latched = False
+        self.fault = Fault(FaultName.EMERGENCY_STOP, stop_reason(sender))
+        self._stop()
+
+    def follow(self, mode: OperatingMode, record: Any) -> None:
+        """Take the mode that is in force.
+
+        Args:
+            mode: present one.
+            record: Mode's message, with its cause; None before the first.
+        """
+        if mode == OperatingMode.FAULT:
+            self._latched = True
+        elif self._latched and record is not None and int(record["cause"]) == Cause.RESET:
+            self.fault = None
+            self._release()
+
+
+class StopSender:
+    """Presses the stop, from any thread.
+
+    Acknowledgements arrive in the node's executor.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Advertise now, so that the receivers are matched when it is pressed."""
+        self._node = node
+        self._context = node.context
+        self._lock = threading.Lock()
+        self._acknowledged: dict[int, list[str]] = {}
+        self._publisher = node.create_publisher(Stop, "stop", topic_qos("stop"))
+        self._subscription = node.create_subscription(
+            StopReceived, "stop_received", self._hear, topic_qos("stop_received")
+        )
+
+    def press(self, sender: str) -> int:
+        """Send a stop and go on repeating it; return its number.
+
+        Args:
+            sender: who presses, for people.
+        """
+        message = Stop(number=secrets.randbits(64), sender=sender[:SENDER_SIZE])
+        set_time(message.stamp, time.time_ns())
+        number = int(message.number)
+        with self._lock:
+            while len(self._acknowledged) >= REMEMBERED:
+                self._acknowledged.pop(next(iter(self._acknowledged)))
+            self._acknowledged[number] = []
+        self._publisher.publish(message)
+        threading.Thread(target=self._repeat, args=(message, number), daemon=True).start()
+        return number
+
+    def acknowledged(self, number: int) -> list[str]:
+        """Names of the nodes that have acknowledged a stop, in order.
+
+        Args:
+            number: that press() returned.
+        """
+        with self._lock:
+            return list(self._acknowledged.get(number, ()))
+
+    def destroy(self) -> None:
+        """Give up publisher and subscription; for the executor's thread."""
+        self._node.destroy_publisher(self._publisher)
+        self._node.destroy_subscription(self._subscription)
+
+    def _repeat(self, message: Stop, number: int) -> None:
+        until = time.monotonic() + GIVE_UP_S
+        lingers = False
+        while time.monotonic() < until and self._context.ok():
+            time.sleep(REPEAT_S)
+            if not lingers and self.acknowledged(number):
+                lingers, until = True, min(until, time.monotonic() + LINGER_S)
+            try:
+                self._publisher.publish(message)
+            except Exception:
+                # The publisher has been destroyed, or the context has ended.
+                return
+
+    def _hear(self, message: StopReceived) -> None:
+        with self._lock:
+            nodes = self._acknowledged.get(int(message.number))
+            if nodes is not None and message.node not in nodes and len(nodes) < REMEMBERED:
+                nodes.append(str(message.node))
