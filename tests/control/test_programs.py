@@ -7,7 +7,7 @@ import pytest
 
 from cabols_control.errors import ConfigError
 from cabols_control.kinematics import structure_matrix
-from cabols_control.load_programs.programs import BUILT_IN, CSV_HEADER, load_program
+from cabols_control.load_programs.programs import BUILT_IN, CSV_HEADER, load_program, parse_csv
 from cabols_control.tension import TensionResolver
 
 
@@ -72,3 +72,37 @@ def test_bad_csv(tmp_path, text, message):
 def test_unknown_programme(name):
     with pytest.raises(ConfigError, match=r"expected one of|cannot be read"):
         load_program(name)
+
+
+@pytest.mark.parametrize(
+    "cell",
+    [
+        "1_0",
+        "\u0967\u0968",
+        "\uff11\uff12",
+        "1e308",
+        "0x10",
+        "1e999",
+        "+-1",
+        "1 0",
+        "infinity",
+        "1\u2028",
+    ],
+)
+def test_only_plain_numbers_are_read(cell):
+    rows = f"{','.join(CSV_HEADER)}\n0,{cell},0,0,0,0,0\n1,0,0,0,0,0,0\n"
+    with pytest.raises(ConfigError, match="line 2"):
+        parse_csv(rows, "x", "x.csv")
+
+
+@pytest.mark.parametrize("cell", ["1", "+1.5", "-.5", "2.", "1e-3", " 7 ", "2E+2"])
+def test_plain_numbers_are_read(cell):
+    rows = f"{','.join(CSV_HEADER)}\r\n0,{cell},0,0,0,0,0\r\n1,0,0,0,0,0,0\r\n"
+    assert parse_csv(rows, "x", "x.csv").wrench[0, 0] == float(cell)
+
+
+@pytest.mark.parametrize("separator", list("\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029"))
+def test_no_other_character_ends_a_line(separator):
+    rows = f"{','.join(CSV_HEADER)}\n0,0,0,0,0,0,0{separator}1,0,0,0,0,0,0\n"
+    with pytest.raises(ConfigError, match="line 2"):
+        parse_csv(rows, "x", "x.csv")

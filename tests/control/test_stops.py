@@ -12,7 +12,7 @@ from cabols_msgs.msg import Stop
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from cabols_control.ros import transport
-from cabols_control.ros.stops import StopLatch, StopReceiver, StopSender, stop_reason
+from cabols_control.ros.stops import StopLatch, StopReceiver, StopSender
 from cabols_control.supervision.modes import Cause, OperatingMode
 from graph_harness import next_environment
 
@@ -116,9 +116,3 @@ def test_a_latch_holds_until_the_supervisor_was_in_fault_and_was_reset(graph):
     latch.follow(OperatingMode.STOPPED, {"cause": Cause.RESET})
     assert done == ["stop", "release"]
     assert latch.fault is None
-
-
-@pytest.mark.parametrize(("sender", "reason"), [("", "emergency stop"), ("x" * 999, "x" * 100)])
-def test_a_long_sender_makes_no_long_reason(sender, reason):
-    assert stop_reason(sender).endswith(reason)
-    assert len(stop_reason(sender)) < 130

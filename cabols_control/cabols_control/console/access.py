@@ -13,6 +13,7 @@ from cabols_control.errors import ConfigError
 
 TOKEN_MIN = 16
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+OTHER_SITES = ("cross-site", "same-site")
 COOKIE = "cabols_console"
 LOCAL_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
@@ -102,8 +103,15 @@ class AccessPolicy:
         origin = request.headers.get("origin", "")
         if origin and origin.partition("://")[2] != host:
             return f"expected a page of {host}, got a request of {origin}"
+        if request.headers.get("sec-fetch-site", "") not in OTHER_SITES:
+            return ""
         changes = request.websocket or request.method not in SAFE_METHODS
-        if changes and request.headers.get("sec-fetch-site", "") in ("cross-site", "same-site"):
+        # A link on another site may open the page in a tab of its own; nothing else comes in.
+        visit = (
+            request.headers.get("sec-fetch-mode") == "navigate"
+            and request.headers.get("sec-fetch-dest") == "document"
+        )
+        if changes or not visit:
             return "expected a page of this console, got a request of another site"
         return ""
 

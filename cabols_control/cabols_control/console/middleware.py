@@ -18,6 +18,8 @@ Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 LOGIN = "/login"
+PATH_SIZE = 1000
+"""Longest path of an address [characters]."""
 LOGIN_BYTES = 4096
 WRONG_TOKEN_S = 1.0
 """Delay of the answer to a wrong token [s]."""
@@ -64,17 +66,20 @@ class AccessMiddleware:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
+        if "\x00" in scope["path"] or len(scope["path"]) > PATH_SIZE:
+            await self._refuse(scope, send, 400, "expected a path of this console")
+            return
         request = request_of(scope)
         foreign = self._policy.foreign(request)
         if foreign:
             await self._refuse(scope, send, 403, foreign)
         elif scope["path"] == LOGIN and not request.websocket:
-            await self._login(request, receive, send)
+            await self._login(scope, request, receive, send)
         elif not self._policy.admitted(request):
             await self._demand(scope, request, send)
         elif request.query_token and not request.websocket:
             # The redirect removes the token from the address bar and the browser's history.
-            await self._welcome(send, scope["path"])
+            await self._welcome(scope, send, scope["path"])
         else:
             await self._pass(scope, receive, send)
 
@@ -87,7 +92,7 @@ class AccessMiddleware:
             await asyncio.sleep(WRONG_TOKEN_S)
         await self._refuse(scope, send, 401, "expected the console's token")
 
-    async def _login(self, request: Request, receive: Receive, send: Send) -> None:
+    async def _login(self, scope: Scope, request: Request, receive: Receive, send: Send) -> None:
         if request.method != "POST":
             await answer(send, 200, PAGE.format(message=""), html_page=True)
             return
@@ -98,14 +103,16 @@ class AccessMiddleware:
             return
         given = parse_qs(body.decode(errors="replace")).get("token", [""])[0]
         if self._policy.needs_token and self._policy.knows(given.strip()):
-            await self._welcome(send, "/")
+            await self._welcome(scope, send, "/")
             return
         await asyncio.sleep(WRONG_TOKEN_S)
         message = html.escape("This is not the console's token.")
         await answer(send, 401, PAGE.format(message=message), html_page=True)
 
-    async def _welcome(self, send: Send, path: str) -> None:
+    async def _welcome(self, scope: Scope, send: Send, path: str) -> None:
         cookie = f"{COOKIE}={self._policy.session}; Path=/; HttpOnly; SameSite=Strict"
+        if scope.get("scheme") in ("https", "wss"):
+            cookie += "; Secure"
         # Two slashes would redirect to another host.
         where = "/" + path.lstrip("/\\")
         headers = [(b"location", where.encode()), (b"set-cookie", cookie.encode())]

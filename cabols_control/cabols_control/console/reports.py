@@ -43,7 +43,10 @@ def report_file(root: Path, name: str) -> Path | None:
         name: as in the address, `<campaign>/<file>`.
     """
     inside = root.resolve()
-    path = (inside / name).resolve()
-    if not path.is_relative_to(inside) or path.suffix not in SHOWN_SUFFIXES:
-        return None
-    return path if path.is_file() else None
+    try:
+        path = (inside / name).resolve()
+        if not path.is_relative_to(inside) or path.suffix not in SHOWN_SUFFIXES:
+            return None
+        return path if path.is_file() else None
+    except (OSError, ValueError):
+        return None  # a name that no file system takes: too long, with a zero byte, a loop of links

@@ -19,6 +19,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 
 from cabols_control.console.access import AccessPolicy
+from cabols_control.console.connections import LimitedHttp
 from cabols_control.console.dispatcher import Dispatcher, Viewer
 from cabols_control.console.middleware import AccessMiddleware
 from cabols_control.console.reports import report_file
@@ -32,6 +33,14 @@ BEHIND = 20
 PING_S = 1.0
 PAGES = 12
 """Most pages at once; another one is refused."""
+REPORT_HEADERS = {
+    "content-security-policy": "sandbox allow-popups; default-src 'none'; img-src 'self' data:; "
+    "style-src 'self' 'unsafe-inline'; font-src 'self' data:; frame-ancestors 'none'; "
+    "form-action 'none'; base-uri 'none'",
+    "cache-control": "no-store",
+}
+"""A report is a file that anybody may have written: it is shown without scripts, and as of a
+site of its own, so that it can ask the rig for nothing."""
 UNKNOWN_PAGE, TOO_MANY = 4404, 4429
 STATIC = Path(str(files("cabols_control") / "console" / "static"))
 
@@ -75,6 +84,7 @@ class ConsoleServer:
         """
         self._dispatcher = dispatcher
         self._socket = where
+        self._secure = tls is not None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._wakers: set[asyncio.Event] = set()
         application = self._application()
@@ -83,6 +93,7 @@ class ConsoleServer:
             log_level="warning",
             access_log=False,
             ws_max_size=1_000_000,
+            http=LimitedHttp,
             timeout_graceful_shutdown=1,
             ssl_certfile=None if tls is None else tls[0],
             ssl_keyfile=None if tls is None else tls[1],
@@ -125,7 +136,7 @@ class ConsoleServer:
             language="en-US",
             tailwind=False,
             storage_secret=secrets.token_hex(32),
-            session_middleware_kwargs={"same_site": "strict"},
+            session_middleware_kwargs={"same_site": "strict", "https_only": self._secure},
             reconnect_timeout=30.0,
             show_welcome_message=False,
         )
@@ -141,7 +152,7 @@ class ConsoleServer:
         path = report_file(self._dispatcher.settings.campaigns, name)
         if path is None:
             raise HTTPException(404, "no such report")
-        return FileResponse(path)
+        return FileResponse(path, headers=REPORT_HEADERS)
 
     def _on_news(self) -> None:
         """Wake the pages' tasks without waiting; called in the rig's thread."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,9 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+LARGEST = 1e9
+"""Largest number in a file: beyond any rig, and far from where sums of numbers overflow."""
 CSV_HEADER = ("time_s", "fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
 
@@ -158,7 +162,8 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
         ConfigError: naming the source and the line of what cannot be used.
     """
     try:
-        rows = list(csv.reader(text.splitlines()))
+        # Not splitlines(), which takes eight more characters for ends of lines.
+        rows = list(csv.reader(text.replace("\r\n", "\n").split("\n")))
     except csv.Error as error:
         raise ConfigError(f"{source}: cannot be read ({error})") from error
     header = tuple(cell.strip() for cell in rows[0]) if rows else ()
@@ -169,17 +174,35 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
         if not row:
             continue
         try:
-            numbers = [float(cell) for cell in row]
+            numbers = [_plain_number(cell) for cell in row]
         except ValueError as error:
             raise ConfigError(f"{source}, line {number}: {error}") from error
         if len(numbers) != len(CSV_HEADER) or not np.isfinite(numbers).all():
-            raise ConfigError(f"{source}, line {number}: expected 7 finite numbers, got {row}")
+            raise ConfigError(
+                f"{source}, line {number}: expected 7 finite numbers, got {str(row)[:200]}"
+            )
         values.append(numbers)
     table = np.array(values, dtype=np.float64).reshape(-1, len(CSV_HEADER))
     time, *_ = table.T
     if time.size < 2 or time[0] != 0.0 or not np.diff(time).min() > 0.0:
         raise ConfigError(f"{source}: expected at least two lines, time from 0 and increasing")
     return LoadProgram(name, time.copy(), table[:, 1:].copy(), False)
+
+
+def _plain_number(cell: str) -> float:
+    """Read a number in the digits 0 to 9.
+
+    Raises:
+        ValueError: for another form, such as 1_0 or digits of another script, which Python's
+            float() takes, too; for one beyond LARGEST.
+    """
+    number = cell.strip(" \t")
+    value = float(number)
+    if np.isfinite(value) and not (_NUMBER.fullmatch(number) and abs(value) <= LARGEST):
+        raise ValueError(
+            f"expected a number such as -1.5 or 2e-3, of at most {LARGEST:g}, got {cell[:40]!r}"
+        )
+    return value
 
 
 def load_program(name: str) -> LoadProgram:

@@ -17,7 +17,7 @@ from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot, declare_row
 from cabols_control.ros.sessions import ModeInput, same_session
-from cabols_control.ros.stops import StopReceiver, stop_reason
+from cabols_control.ros.stops import PRESSED, StopReceiver
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_limb_messages
@@ -160,9 +160,9 @@ class LimbControllerNode(ControlNode):
         self.status.cycle(self._state.stamp_ns, state, fault)
         self.tidy()
 
-    def _stop(self, sender: str) -> None:
+    def _stop(self, _sender: str) -> None:
         """Hold the currents at zero until the mode has been STOPPED."""
-        self._trip(FaultName.EMERGENCY_STOP, stop_reason(sender))
+        self._trip(FaultName.EMERGENCY_STOP, PRESSED)
 
     def _trip(self, name: FaultName, reason: str) -> None:
         self._controller.trip(Fault(name, reason))

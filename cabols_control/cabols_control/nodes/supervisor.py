@@ -20,10 +20,10 @@ from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.roles import SINGLE, Seconds, publishers
-from cabols_control.ros.stops import StopReceiver, stop_reason
+from cabols_control.ros.stops import PRESSED, StopReceiver
 from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.supervision.faults import Fault, FaultName, fault_name
-from cabols_control.supervision.modes import MOVING, Entry, OperatingMode
+from cabols_control.supervision.modes import MOVING, NEXT, Entry, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.session import LOCKSTEP_SESSION
 from cabols_control.supervision.starvation import StarvationWatch
@@ -211,7 +211,8 @@ class SupervisorNode(ControlNode):
 
     def _set_mode(self, request: Any, response: Any) -> Any:
         with self._lock:
-            if not self.paced and request.mode in MOVING:
+            # No wait for a request that is refused anyway: a flood of them must not hold the lock.
+            if not self.paced and request.mode in NEXT[self._core.mode]:
                 self._await_news()
             verdict = self._core.request(request.mode, self._now_s())
             self._publish_change()
@@ -228,7 +229,8 @@ class SupervisorNode(ControlNode):
 
     def _hear_stop(self, sender: str) -> None:
         with self._lock:
-            self._core.emergency_stop(stop_reason(sender))
+            self.status.log.info(f"stop pressed by {sender or 'nobody named'}")
+            self._core.emergency_stop(PRESSED)
             self._publish_change()
 
     def _emergency_stop(self, request: Any, response: Any) -> Any:

@@ -28,19 +28,12 @@ GIVE_UP_S = 10.0
 """A stop is repeated no longer than this [s]."""
 LINGER_S = 1.0
 """After the first acknowledgement it is repeated so long, for nodes that are just starting [s]."""
+PRESSED = "emergency stop"
+"""Why the rig stopped, for people; the log and the message on `stop` say who pressed."""
 SENDER_SIZE = 100
-"""Of a sender's name this much is shown [characters]."""
+"""Of a sender's name this much is told [characters]."""
 REMEMBERED = 256
 """Presses that a receiver remembers: repetitions are acknowledged, not acted on again."""
-
-
-def stop_reason(sender: str) -> str:
-    """Return why the rig stopped, for people.
-
-    Args:
-        sender: who pressed; empty: not known.
-    """
-    return f"emergency stop by {sender[:SENDER_SIZE]}" if sender else "emergency stop"
 
 
 def _nothing() -> None:
@@ -74,7 +67,7 @@ class StopReceiver:
     def _hear(self, message: Stop) -> None:
         number = int(message.number)
         if number not in self._heard:
-            self._act(str(message.sender))
+            self._act(str(message.sender)[:SENDER_SIZE])
             if len(self._heard) >= REMEMBERED:
                 self._heard.pop(next(iter(self._heard)))
             self._heard[number] = None
@@ -104,9 +97,9 @@ class StopLatch(StopReceiver):
         self._stop, self._release = stop, release
         super().__init__(node, self._press)
 
-    def _press(self, sender: str) -> None:
+    def _press(self, _sender: str) -> None:
         self._latched = False
-        self.fault = Fault(FaultName.EMERGENCY_STOP, stop_reason(sender))
+        self.fault = Fault(FaultName.EMERGENCY_STOP, PRESSED)
         self._stop()
 
     def follow(self, mode: OperatingMode, record: Any) -> None:

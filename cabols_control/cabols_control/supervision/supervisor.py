@@ -209,7 +209,7 @@ class Supervision:
             notice: what it says; None for nothing.
         """
         if notice is not None and notice.name == FaultName.NOT_TARED:
-            self._untared[node] = notice.reason
+            self._note(self._untared, node, notice.reason)
         else:
             self._untared.pop(node, None)
         if notice is not None and notice.name in ORDERLY_END:

@@ -14,7 +14,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
 from cabols_control.rig_checks import check_limits
 from cabols_control.ros import topics
-from cabols_control.ros.layout import Layout, Record
+from cabols_control.ros.layout import Record
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare_row
@@ -28,6 +28,7 @@ from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
 from cabols_hw.ros.bias_keeper import BiasKeeper
+from cabols_hw.ros.warm_up import warm_up_guard
 from cabols_hw.safety.config import SafetyConfig, load_safety
 from cabols_hw.safety.guard import BridgeGuard
 
@@ -98,7 +99,7 @@ class BridgeNode(ControlNode):
         self.bridge.bind({name: self._state[name] for name in names})
         self.bridge.bind({"followed_mode": self._state["mode"], "zeroing": self._state["zeroing"]})
         self.bridge.bind({"wrench": self._wrench["wrench"]})
-        self._warm_up(currents)
+        warm_up_guard(self.rig, self._safety_config, self._watchdog_s, self.bridge, currents)
         self._state_output = self.advertise_live("limb_state")
         self._wrench_output = self.advertise_live("wrench")
         self.create_service(Trigger, "tare", self._tare)
@@ -124,18 +125,6 @@ class BridgeNode(ControlNode):
                 target=self._run_thread, args=(self._answer_body,), daemon=True
             )
             self._threads.append(answer)
-
-    def _warm_up(self, currents: Layout) -> None:
-        """Compile or load a command's kernels, for arrays as they lie in a message."""
-        record = currents.read(currents.record().raw())
-        geometry = self.rig.geometry
-        guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
-        guard.safety.hear_pose(0.0, geometry.reference_position, geometry.reference_rotation)
-        guard.command(record["limb"], record["current"], 0.0)
-        guard.sample(0.001, self.bridge, OperatingMode.STOPPED)
-        guard.sample(0.002, self.bridge, OperatingMode.LOADING)
-        guard.safety.warm_up(self.bridge)
-        guard.unloading.warm_up(self.bridge.tension, self.bridge.elongation)
 
     def safety_config(self) -> SafetyConfig:
         """Read the limits of the safety envelope.

@@ -8,7 +8,6 @@ import pytest
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 from cabols_sim.fault_campaign.judgement import Report, TrialData, judge
-from cases import fails_today
 
 NODES = ("limb_controller", "wrench_controller", "plant")
 TICK_S = 0.045
