@@ -138,6 +138,10 @@ bench-console: setup  ## measure what the console costs the rig
 faults: setup  ## break everything, 20 times each, in the loaded rig (an hour; goes on where it was)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
 
+stop-trials: setup  ## press the stop 1000 times, also beside a supervisor's restart (goes on where it was)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/stop_trials.py $(ARGS)
+
 dynamics: setup  ## compute chapter 2, the 900 m case and the rig's vibration into build/dynamics
 	@.venv/lib/cabols_sim/dynamics_study $(ARGS)
 

@@ -14,7 +14,7 @@ def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
     values = argument_values(context, "rig")
     graph = rig_graph(values["record"], values["campaign"], values["console"])
-    return launch_nodes(graph, values)
+    return launch_nodes(graph, values, context)
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -20,7 +20,7 @@ def start(context: LaunchContext) -> list[Action]:
         campaign=values["campaign"],
         console=values["console"],
     )
-    return launch_nodes(graph, values)
+    return launch_nodes(graph, values, context)
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -9,7 +9,14 @@ import sys
 import pytest
 from std_msgs.msg import String
 
-from cabols_control.ros.transport import LOOPBACK, RANGE, UDP, udp_variables
+from cabols_control.ros.transport import (
+    DECISIONS,
+    LOOPBACK,
+    RANGE,
+    UDP,
+    discovery_variables,
+    udp_variables,
+)
 from graph_harness import Watcher, next_environment
 
 FAST = "rmw_fastrtps_cpp"
@@ -68,3 +75,10 @@ def test_a_plain_tool_receives_from_a_process_without_shared_memory(reach):
         talker.wait()
         watcher.close()
     assert set(heard) == {"udp"}
+
+
+def test_discovery_stays_on_this_machine_unless_somebody_decides():
+    assert discovery_variables({}) == {RANGE: "LOCALHOST"}
+    assert discovery_variables({RANGE: ""}) == {RANGE: "LOCALHOST"}
+    for name in (RANGE, *DECISIONS):
+        assert discovery_variables({name: "SUBNET"}) == {}

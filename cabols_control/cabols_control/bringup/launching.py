@@ -17,13 +17,27 @@ from cabols_control.bringup.graph import all_arguments, with_arguments
 from cabols_control.bringup.processes import GRACE_S, RESTART_S
 from cabols_control.bringup.specs import LAUNCHER, ONE_BLAS_THREAD, NodeSpec
 
+DISCOVERY = "discovery"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+RANGES = ["LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT"]
+
 
 def arguments(kind: str) -> list[Any]:
     """Declare the launch arguments of one kind of graph, "bench" or "rig"."""
+    discovery = DeclareLaunchArgument(
+        DISCOVERY,
+        default_value=os.environ.get(RANGE, "") or "LOCALHOST",
+        choices=RANGES,
+        description="whom the nodes find: LOCALHOST, this machine; SUBNET, every machine of the "
+        "network, which can then command the rig",
+    )
     return [
-        DeclareLaunchArgument(a.name, default_value=str(a.default), description=a.text)
-        for a in all_arguments()
-        if kind in a.kinds
+        discovery,
+        *(
+            DeclareLaunchArgument(a.name, default_value=str(a.default), description=a.text)
+            for a in all_arguments()
+            if kind in a.kinds
+        ),
     ]
 
 
@@ -37,14 +51,25 @@ def argument_values(context: Any, kind: str) -> dict[str, Any]:
     Raises:
         ConfigError: naming every argument that cannot be used, or is none; nothing has started.
     """
-    texts = dict(context.launch_configurations)
+    texts = {k: v for k, v in context.launch_configurations.items() if k != DISCOVERY}
     mine = [argument for argument in all_arguments() if kind in argument.kinds]
     values = read_arguments(mine, texts, others(list(texts), context.argv, sys.argv))
     return {**{argument.name: argument.default for argument in all_arguments()}, **values}
 
 
-def launch_nodes(graph: Sequence[NodeSpec], values: dict[str, Any]) -> list[Any]:
-    """Return launch actions for the nodes; when one ends that may not restart, all end."""
+def launch_nodes(
+    graph: Sequence[NodeSpec], values: dict[str, Any], context: Any = None
+) -> list[Any]:
+    """Return launch actions for the nodes; when one ends that may not restart, all end.
+
+    Args:
+        graph: its nodes.
+        values: of the arguments, by name.
+        context: of the launch; None: the nodes find this machine alone.
+    """
+    discovery = "LOCALHOST"
+    if context is not None:
+        discovery = str(context.launch_configurations.get(DISCOVERY, discovery))
     actions: list[Any] = []
     # Nodes under load unload before they obey: SIGTERM and SIGKILL leave them the time for it.
     grace = str(2.0 * GRACE_S)
@@ -55,7 +80,7 @@ def launch_nodes(graph: Sequence[NodeSpec], values: dict[str, Any]) -> list[Any]
             arguments=spec.option_list(),
             parameters=[spec.parameters] if spec.parameters else [],
             output="screen",
-            additional_env={**ONE_BLAS_THREAD, LAUNCHER: str(os.getpid())},
+            additional_env={**ONE_BLAS_THREAD, LAUNCHER: str(os.getpid()), RANGE: discovery},
             respawn=spec.restarts,
             respawn_delay=RESTART_S,
             sigterm_timeout=grace,

@@ -18,6 +18,15 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from cabols_control.configuration import packaged
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+DECISIONS = (
+    "ROS_STATIC_PEERS",
+    "ROS_LOCALHOST_ONLY",
+    "ROS_DISCOVERY_SERVER",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+    "CYCLONEDDS_URI",
+)
+"""Other variables by which somebody has decided whom a node finds."""
 LOOPBACK = {
     "FASTRTPS_DEFAULT_PROFILES_FILE": str(packaged("cabols_control", "fastdds_loopback.xml"))
 }
@@ -42,7 +51,20 @@ def udp_variables(environment: Mapping[str, str], rmw: str) -> dict[str, str]:
     return UDP
 
 
+def discovery_variables(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables that keep discovery on this machine, unless one of them is set.
+
+    Whoever reaches the DDS domain can command the rig: other machines are a decision.
+
+    Args:
+        environment: what is set.
+    """
+    decided = any(environment.get(name) for name in (RANGE, *DECISIONS))
+    return {} if decided else {RANGE: "LOCALHOST"}
+
+
 def init(**arguments: Any) -> None:
-    """Call rclpy.init() with these arguments, without shared memory."""
+    """Call rclpy.init() with these arguments, on this machine alone, without shared memory."""
+    os.environ.update(discovery_variables(os.environ))
     os.environ.update(udp_variables(os.environ, get_rmw_implementation_identifier()))
     rclpy.init(**arguments)

@@ -11,7 +11,7 @@ from urllib.parse import quote
 from nicegui import ui
 
 from cabols_control.console.dispatcher import Answer
-from cabols_control.console.panels.rig import activity, button, enable, mode_of
+from cabols_control.console.panels.rig import COMMAND, activity, button, enable, mode_of
 from cabols_control.console.reports import REPORT, finished
 
 if TYPE_CHECKING:
@@ -94,12 +94,15 @@ class CampaignPanel:
         run = activity(state, ACTION)
         campaign = state.get("campaign") or {}
         active = bool(campaign.get("active"))
-        rests = mode_of(state)["name"] == "STOPPED" and not active and not run.get("busy")
-        enable(self._start, commanding and rests)
-        enable(self._pause, commanding and active and not campaign["paused"])
-        enable(self._resume, commanding and active and campaign["paused"])
-        enable(self._abort, commanding and active)
-        enable(self._report, commanding and bool(campaign) and not active)
+        command, under_way = (commanding, COMMAND), (active, "No campaign is under way.")
+        free = (not active and not run.get("busy"), "A campaign is under way.")
+        rests = (mode_of(state)["name"] == "STOPPED", "Only in Stopped.")
+        paused = bool(campaign.get("paused"))
+        enable(self._start, command, free, rests)
+        enable(self._pause, command, under_way, (not paused, "It is paused."))
+        enable(self._resume, command, under_way, (paused, "It is not paused."))
+        enable(self._abort, command, under_way)
+        enable(self._report, command, (bool(campaign), "No campaign has run."), free)
         self._progress.value = campaign.get("progress", 0.0)
         ended = "" if active else run.get("text", "")
         told = campaign.get("text", "") if active or not ended else ended

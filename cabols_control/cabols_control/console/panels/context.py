@@ -48,6 +48,29 @@ class PageContext:
         """Start an action and show the answer."""
         return await self.do(self.dispatcher.start(self.page, action, **fields))
 
+    async def agreed(self, what: str) -> bool:
+        """Ask before something is done inside a stiffness campaign; true at once outside of one.
+
+        Args:
+            what: that would be done, as a sentence's subject.
+        """
+        _, state = self.dispatcher.latest.state()
+        if not (state.get("campaign") or {}).get("active"):
+            return True
+        with ui.dialog() as dialog, ui.card().props("role=alertdialog data-name=question"):
+            ui.label(f"A stiffness campaign is under way. {what} disturbs or ends it. Do it?")
+            with ui.row():
+                yes = ui.button(
+                    "Do it", on_click=lambda: dialog.submit(True), color="deep-orange-9"
+                )
+                yes.props("unelevated data-name=question-yes")
+                no = ui.button("Leave it", on_click=lambda: dialog.submit(False))
+                no.props("unelevated autofocus data-name=question-no")
+        try:
+            return await dialog is True
+        finally:
+            dialog.delete()
+
     async def cancel(self, action: str) -> Answer:
         """Cancel an action and show the answer."""
         return await self.do(self.dispatcher.cancel(self.page, action))

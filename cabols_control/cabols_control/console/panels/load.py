@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import events, ui
 
 from cabols_control.console.latest import NOTICE, WARNING
-from cabols_control.console.panels.rig import activity, button, enable, mode_of
+from cabols_control.console.panels.rig import BUSY, COMMAND, activity, button, enable, mode_of
 from cabols_control.console.preview import preview_svg
 from cabols_control.console.uploads import UPLOAD_BYTES, keep_upload, program_choices
 from cabols_control.errors import CabolsError
@@ -93,6 +93,8 @@ class LoadPanel:
         self.refresh(state, self._own.in_command)
 
     async def _do_run(self) -> None:
+        if not await self._own.agreed("A load programme"):
+            return
         await self._own.start(
             "run_program",
             program=str(self._program.value),
@@ -132,8 +134,10 @@ class LoadPanel:
         doing = activity(state, "run_program")
         busy = bool(doing.get("busy"))
         loading = mode_of(state)["name"] == "LOADING"
-        enable(self._run, commanding and loading and self._feasible and not busy)
-        enable(self._abort, commanding and busy)
-        enable(self._upload, commanding)
+        command = (commanding, COMMAND)
+        feasible = (self._feasible, "The check has not found it feasible.")
+        enable(self._run, command, (loading, "Only in Loading."), feasible, (not busy, BUSY))
+        enable(self._abort, command, (busy, "No programme was started here."))
+        enable(self._upload, command)
         self._progress.value = doing.get("progress", 0.0)
         self._running.content = escape(doing.get("text", ""))

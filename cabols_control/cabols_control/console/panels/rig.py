@@ -40,10 +40,28 @@ def chooser(
         return choice, button(text, on_click, name, "cyan-9")
 
 
-def enable(element: Any, on: bool) -> None:
-    """Enable or disable, without a message if nothing changes."""
-    if element.enabled != on:
-        element.set_enabled(on)
+COMMAND = "Take command first."
+BUSY = "It is under way."
+Condition = tuple[Any, str]
+"""What must hold, and what is said where it does not."""
+
+
+def enable(element: Any, *conditions: Condition) -> None:
+    """Enable an element if all conditions hold; otherwise disable it and say which does not.
+
+    Nothing is sent to the page if nothing changes.
+
+    Args:
+        element: a button, or another control.
+        conditions: in the order in which they are looked at.
+    """
+    if getattr(element, "conditions", None) != conditions:
+        element.conditions = conditions
+        element._props["title"] = next((told for holds, told in conditions if not holds), "")
+        element.update()
+    enabled = all(holds for holds, _ in conditions)
+    if element.enabled != enabled:
+        element.set_enabled(enabled)
 
 
 def mode_of(state: dict[str, Any]) -> dict[str, Any]:
@@ -71,11 +89,11 @@ class ModePanel:
                 colour = "cyan-9" if mode != OperatingMode.STOPPED else "blue-grey-7"
                 self._modes[mode] = button(
                     text,
-                    lambda m=mode: own.call("set_mode", mode=int(m)),
+                    lambda m=mode: self._ask_mode(m),
                     f"mode-{mode.name}",
                     colour,
                 )
-            self._tare = button("Tare sensor", lambda: own.call("tare"), "tare")
+            self._tare = button("Tare sensor", self._ask_tare, "tare")
             self._reset = button("Reset fault", lambda: own.call("reset"), "reset", "deep-orange-9")
             self._record = button("Start recording", self._toggle_recording, "record")
             self._record.style("grid-column: 1 / -1")
@@ -84,19 +102,29 @@ class ModePanel:
         )
         self._recording = False
 
+    async def _ask_mode(self, mode: OperatingMode) -> None:
+        # A stop is not held up by a question.
+        if mode == OperatingMode.STOPPED or await self._own.agreed(f"Mode {mode.name}"):
+            await self._own.call("set_mode", mode=int(mode))
+
+    async def _ask_tare(self) -> None:
+        if await self._own.agreed("A tare of the sensor"):
+            await self._own.call("tare")
+
     async def _toggle_recording(self) -> None:
         await self._own.call("record", data=not self._recording)
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:
         """Follow the state."""
-        mode = mode_of(state)
+        mode, command = mode_of(state), (commanding, COMMAND)
         for wanted, made in self._modes.items():
-            enable(made, commanding and int(wanted) in mode["next"])
-        enable(self._tare, commanding and mode["name"] == "STOPPED")
-        enable(self._reset, commanding and mode["name"] == "FAULT")
+            told = f"Not after {mode['name']}." if mode["name"] else "No mode arrives."
+            enable(made, command, (int(wanted) in mode["next"], told))
+        enable(self._tare, command, (mode["name"] == "STOPPED", "Only in Stopped."))
+        enable(self._reset, command, (mode["name"] == "FAULT", "There is no fault to reset."))
         self._recording = bool(state.get("recording"))
         self._record.text = "Stop recording" if self._recording else "Start recording"
-        enable(self._record, commanding and state.get("recording") is not None)
+        enable(self._record, command, (state.get("recording") is not None, "No recorder runs."))
 
 
 class RobotPanel:
@@ -123,9 +151,13 @@ class RobotPanel:
         ui.html("The robot moves in Stopped and Free-moving only.", sanitize=True).classes("hint")
 
     async def _do_move(self) -> None:
+        if not await self._own.agreed("A motion of the robot"):
+            return
         await self._own.start("move_to_configuration", index=int(self._index.value))
 
     async def _do_measure(self) -> None:
+        if not await self._own.agreed("A measurement"):
+            return
         await self._own.start(
             "measure_reflector", reflector=int(self._reflector.value), search=True
         )
@@ -134,11 +166,13 @@ class RobotPanel:
         """Follow the state."""
         moving = activity(state, "move_to_configuration")
         allowed = mode_of(state)["number"] in [int(mode) for mode in ROBOT_MODES]
-        enable(self._move, commanding and allowed and not moving.get("busy"))
-        enable(self._cancel, commanding and bool(moving.get("busy")))
+        command, busy = (commanding, COMMAND), bool(moving.get("busy"))
+        where = (allowed, "Only in Stopped and Free-moving.")
+        enable(self._move, command, where, (not busy, BUSY))
+        enable(self._cancel, command, (busy, "No motion was started here."))
         self._moved.content = escape(moving.get("text", ""))
         measuring = activity(state, "measure_reflector")
-        enable(self._measure, commanding and not measuring.get("busy"))
+        enable(self._measure, command, (not measuring.get("busy"), BUSY))
         self._measured.content = escape(measuring.get("text", ""))
 
 
@@ -174,6 +208,8 @@ class LimbPanel:
         if not (self._step.value or self._ramp.value):
             refusal = "commissioning: choose step or ramp"
             self._own.dispatcher.latest.tell(WARNING, "console", refusal)
+        if not await self._own.agreed("Commissioning"):
+            return
         await self._own.start(
             "commission_limb",
             limb=int(self._limb.value),
@@ -185,7 +221,9 @@ class LimbPanel:
         """Follow the state."""
         doing = activity(state, "commission_limb")
         busy = bool(doing.get("busy"))
-        enable(self._start, commanding and mode_of(state)["name"] == "STOPPED" and not busy)
-        enable(self._cancel, commanding and busy)
+        command = (commanding, COMMAND)
+        rests = (mode_of(state)["name"] == "STOPPED", "Only in Stopped.")
+        enable(self._start, command, (not busy, BUSY), rests)
+        enable(self._cancel, command, (busy, "Nothing is under way."))
         self._progress.value = doing.get("progress", 0.0)
         self._text.content = escape(doing.get("text", ""))
