@@ -279,6 +279,8 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
         if rclpy.ok():
             raise
         return 0
+    if not node.context.ok():
+        return 0
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from std_srvs.srv import Trigger
 
 from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
-from cabols_control.rig_checks import check_limits
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
@@ -28,8 +26,9 @@ from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
 from cabols_hw.ros.bias_keeper import BiasKeeper
+from cabols_hw.ros.bridge_safety import bridge_safety
 from cabols_hw.ros.warm_up import warm_up_guard
-from cabols_hw.safety.config import SafetyConfig, load_safety
+from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.guard import BridgeGuard
 
 RING = 1024
@@ -127,25 +126,9 @@ class BridgeNode(ControlNode):
             self._threads.append(answer)
 
     def safety_config(self) -> SafetyConfig:
-        """Read the limits of the safety envelope.
-
-        A watchdog longer than the file's also raises the largest ages of samples and poses.
-        """
+        """Read the limits of the safety envelope; see bridge_safety."""
         path = declare_row(self, HW_NODES.argument("safety_file"))
-        config = load_safety(self.rig_folder, path)
-        check_limits(
-            self.rig.control.tension_max,
-            config.tension_max,
-            np.array(config.wrench_max),
-            self.rig.control.rated,
-            self._card.sensor_limits,
-        ).settle(self.rig_folder.path)
-        oldest = 2.0 * self._watchdog_s
-        return replace(
-            config,
-            state_age=max(config.state_age, oldest),
-            pose_age=max(config.pose_age, oldest),
-        )
+        return bridge_safety(self.rig, self.rig_folder, path, self._card, self._watchdog_s)
 
     def extra_inputs(self) -> list[Input]:
         """Inputs besides motor_current and mode: here, the platform's pose from the robot."""
