@@ -120,6 +120,10 @@ bench-registration: setup  ## compare the reflectors' registration with its cova
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_registration.py $(ARGS)
 
+bench-robot-stop: setup  ## 300 stops of the robot over a network that loses 30 % of the requests; resumes
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_robot_stop.py $(ARGS)
+
 bench-realtime: setup  ## measure the control loop's delay and jitter at 1 kHz
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_realtime.py $(ARGS)

@@ -2,41 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from abb_robot_client._egm_protobuf import egm_pb2
 from google.protobuf.message import DecodeError
 
-from cabols_control.checks import FloatArray
 from cabols_hw.abb.stream_quality import Refusal
+from cabols_hw.robot.interface import RobotSample
 
 AXES = 6
 
 
-@dataclass(frozen=True, eq=False)
-class EgmSample:
-    """Content of one packet.
-
-    Attributes:
-        sequence: the controller's number of it.
-        robot_time_ns: the controller's clock.
-        joints: (6,) encoders [rad].
-        position: (3,) of the program's tool, robot base frame [m].
-        quaternion: (4,) x y z w, from tool to robot base axes, of length one.
-        motors_on: whether the motors are on.
-        rapid_running: whether a RAPID program runs.
-        received_s: time.monotonic() when it arrived at this computer.
-    """
-
-    sequence: int
-    robot_time_ns: int
-    joints: FloatArray
-    position: FloatArray
-    quaternion: FloatArray
-    motors_on: bool
-    rapid_running: bool
-    received_s: float
+EgmSample = RobotSample
 
 
 def read_packet(raw: bytes, received_s: float) -> EgmSample | tuple[Refusal, str]:

@@ -18,7 +18,7 @@ __all__ = ["RobotMover", "judge_motion"]
 POLL_S = 0.2
 """Shortest period of asking the controller whether the motion is done."""
 
-LOG_OUT_S = 0.5
+LOG_OUT_S = 0.2
 
 
 class RobotMover:

@@ -30,8 +30,9 @@ from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
-from cabols_hw.abb.rws import RobotMover
+from cabols_hw.abb.robot import AbbAddress, AbbRobot
 from cabols_hw.bringup_nodes import NODES as HW_NODES
+from cabols_hw.robot.interface import Robot
 from cabols_hw.ros.robot_stream import MOTORS_OFF, BaseFrame, RobotStream
 from cabols_hw.ros.worker import Worker
 from cabols_hw.tracker.client import TrackerClient
@@ -86,9 +87,12 @@ class AbbTrackerBridge(ControlNode):
         address = declare_row(self, HW_NODES.argument("robot_address"))
         port = declare_row(self, HW_NODES.argument("rws_port"))
         url = declare(self, "rws_url", "", "replaces address and port; empty: made of them")
-        self._url = url or f"http://{address}:{port}"
-        self._user = declare(self, "user", "Default User", "of Robot Web Services")
-        self._password = self._read_password()
+        controller = AbbAddress(
+            url or f"http://{address}:{port}",
+            declare(self, "user", "Default User", "of Robot Web Services"),
+            self._read_password(),
+            declare(self, "rws_certificate", "", "PEM file for https; empty: any is taken"),
+        )
         self._timeout_s = declare(self, "move_timeout", 60.0, "s, for one motion", (0.1, 3600.0))
         self._configurations = load_configurations(
             self.rig_folder,
@@ -96,7 +100,7 @@ class AbbTrackerBridge(ControlNode):
         )
         speed = declare_row(self, HW_NODES.argument("speed"))
         stale = declare_row(self, HW_NODES.argument("stale_after"))
-        self._reader = EgmReader(
+        reader = EgmReader(
             declare_row(self, HW_NODES.argument("egm_port")),
             self._egm_sender(address),
             declare(self, "late_after", 0.03, "s, delay that counts as late", (0.001, 1.0)),
@@ -110,7 +114,8 @@ class AbbTrackerBridge(ControlNode):
         robot_clock = declare(
             self, "robot_clock", False, "stamps are the controller's time: simulation only"
         )
-        self._stream = RobotStream(self, self._reader, base, stale, robot_clock)
+        self._robot: Robot = AbbRobot(controller, reader)
+        self._stream = RobotStream(self, reader, base, stale, robot_clock)
         self._stream.on_fault = lambda: Worker(self._halt)
         self._stops = self._stream.stops = StopLatch(self, lambda: Worker(self._halt))
         self._robot_clock = robot_clock
@@ -176,7 +181,7 @@ class AbbTrackerBridge(ControlNode):
         if self._motion is not None:
             self._motion.join(END_S)
         self._stream.stop()
-        self._reader.close()
+        self._robot.close()
         for server in self._servers:
             server.destroy()
 
@@ -201,13 +206,10 @@ class AbbTrackerBridge(ControlNode):
         """Stop a motion that another client may have begun; this node's own ends by itself."""
         if self._motion is not None:
             return
-        mover = RobotMover(self._url, self._user, self._password)
         try:
-            mover.abort()
+            self._robot.stop()
         except RobotError as error:
             self.get_logger().error(f"in FAULT: {error}")
-        finally:
-            mover.close()
 
     def _joints(self) -> list[float]:
         newest = self._stream.newest
@@ -270,11 +272,7 @@ class AbbTrackerBridge(ControlNode):
         )
 
     def _drive(self, index: int, interrupted: Callable[[], str]) -> None:
-        mover = RobotMover(self._url, self._user, self._password)
-        try:
-            mover.move(index, self._timeout_s, interrupted, poll_s=0.05)
-        finally:
-            mover.close()
+        self._robot.move(index, self._timeout_s, interrupted, poll_s=0.05)
 
     def _finish(self, handle: Any, worker: Worker) -> None:
         """End a goal as its worker ended."""

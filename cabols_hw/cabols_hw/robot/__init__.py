@@ -1,0 +1,1 @@
+"""What the rig asks of any robot, whoever made it."""
