@@ -9,9 +9,14 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.errors import ShapeError
+from cabols_control.naming import cable_name
+
+MIN_CABLE_LENGTH_M = 1e-3
+"""A shorter cable counts as without length: it has no direction that can be trusted."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def structure_matrix_into(
     base_points: FloatArray,
     platform_points: FloatArray,
@@ -20,6 +25,9 @@ def structure_matrix_into(
     matrix: FloatArray,
 ) -> None:
     """Fill matrix (6, n) with the structure matrix; shapes as in structure_matrix, unchecked.
+
+    A cable shorter than MIN_CABLE_LENGTH_M has no direction: its column is NaN, which every
+    judgement that follows counts as failed.
 
     Args:
         base_points: (n, 3) in the base frame [m].
@@ -37,6 +45,8 @@ def structure_matrix_into(
         u1 = base_points[i, 1] - position[1] - r1
         u2 = base_points[i, 2] - position[2] - r2
         length = np.sqrt(u0 * u0 + u1 * u1 + u2 * u2)
+        if not length >= MIN_CABLE_LENGTH_M:
+            length = np.nan
         u0, u1, u2 = u0 / length, u1 / length, u2 / length
         matrix[0, i], matrix[1, i], matrix[2, i] = u0, u1, u2
         matrix[3, i] = r1 * u2 - r2 * u1
@@ -44,7 +54,7 @@ def structure_matrix_into(
         matrix[5, i] = r0 * u1 - r1 * u0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cable_lengths_into(
     base_points: FloatArray,
     platform_points: FloatArray,
@@ -101,3 +111,26 @@ def cable_lengths_unchecked(
     lengths = np.empty(base_points.shape[0])
     cable_lengths_into(base_points, platform_points, position, rotation, lengths)
     return lengths
+
+
+def refuse_short_cable(
+    base_points: FloatArray, platform_points: FloatArray, position: FloatArray, rotation: FloatArray
+) -> None:
+    """Say which cable has no length at a pose; return if every cable has one.
+
+    Args:
+        base_points: (n, 3) in the base frame [m].
+        platform_points: (n, 3) in the platform's axes [m].
+        position: (3,) of the platform's origin, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+
+    Raises:
+        ShapeError: naming the cable.
+    """
+    lengths = cable_lengths_unchecked(base_points, platform_points, position, rotation)
+    if not lengths.min() >= MIN_CABLE_LENGTH_M:
+        cable = cable_name(int(lengths.argmin()))
+        raise ShapeError(
+            f"{cable}: expected at least {MIN_CABLE_LENGTH_M} m between its points, got "
+            f"{lengths.min():.3g} m at position {position}; the pose is out of reach"
+        )

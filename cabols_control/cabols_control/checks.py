@@ -12,8 +12,18 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
+def plain_array(value: ArrayLike) -> FloatArray:
+    """Return value as a C-contiguous, aligned, writable float64 array; a copy where it is not."""
+    array = np.ascontiguousarray(value, dtype=np.float64)
+    flags = array.flags
+    return array if flags.writeable and flags.aligned else array.copy()
+
+
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return value as a C-contiguous float array of the given shape.
+    """Return value as a C-contiguous, writable float array of the given shape.
+
+    It is the caller's own array where that is one already, else a copy: compiled code takes one
+    kind of array, and another would start the compiler or be refused.
 
     Args:
         name: what the caller calls it, for the message.
@@ -25,7 +35,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     """
     expected = "(" + ", ".join("n" if size is None else str(size) for size in shape) + ")"
     try:
-        array = np.ascontiguousarray(value, dtype=np.float64)
+        array = plain_array(value)
     except (TypeError, ValueError) as error:
         raise ShapeError(f"{name}: expected numbers of shape {expected}, got {value!r}") from error
     fits = array.ndim == len(shape) and all(

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
 
-from cabols_control.cable_kernels import cable_lengths_unchecked, structure_matrix_unchecked
+from cabols_control.cable_kernels import (
+    MIN_CABLE_LENGTH_M,
+    cable_lengths_unchecked,
+    structure_matrix_unchecked,
+)
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.configuration import STRICT, load_config
-from cabols_control.errors import ConfigError, DegenerateGeometryError, ShapeError
+from cabols_control.errors import ConfigError, DegenerateGeometryError, OutOfRangeError, ShapeError
 from cabols_control.frames import Frame
 from cabols_control.naming import cable_name
 from cabols_control.rig_checks import check_geometry
 from cabols_control.rig_folder import rig_file
 
 MIN_CABLES = 6
-MIN_CABLE_LENGTH_M = 1e-3
 MAX_CONDITION = 1e6
 """Above this condition number (lengths scaled by the platform's radius) a rig is degenerate."""
+
+
+def _own(name: str, value: FloatArray, shape: tuple[int | None, ...]) -> FloatArray:
+    """Check an array and copy it, so that nobody else's is made read-only."""
+    return finite_array(name, value, shape).copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +43,8 @@ class RigGeometry:
         reference_rotation: (3, 3) from platform to base axes at the reference pose.
         base_frame: name of {0} in message headers.
         platform_frame: name of {p} in message headers.
+        cable_length_min: shortest length of a cable between its points [m].
+        cable_length_max: longest; poses beyond either are out of reach [m].
     """
 
     base_points: FloatArray
@@ -42,6 +53,8 @@ class RigGeometry:
     reference_rotation: FloatArray
     base_frame: str = "rig_base"
     platform_frame: str = "platform"
+    cable_length_min: float = MIN_CABLE_LENGTH_M
+    cable_length_max: float = inf
 
     @property
     def cables(self) -> int:
@@ -56,19 +69,19 @@ class RigGeometry:
     def __post_init__(self) -> None:
         """Check shapes, finiteness and that the points can carry a 6-DOF wrench."""
         set_field = object.__setattr__
-        set_field(self, "base_points", finite_array("base_points", self.base_points, (None, 3)))
+        set_field(self, "base_points", _own("base_points", self.base_points, (None, 3)))
         n = self.cables
         if n < MIN_CABLES:
             raise ShapeError(f"base_points: expected at least {MIN_CABLES} cables, got {n}")
-        set_field(
-            self,
-            "platform_points",
-            finite_array("platform_points", self.platform_points, (n, 3)),
-        )
-        position = finite_array("reference_position", self.reference_position, (3,))
+        set_field(self, "platform_points", _own("platform_points", self.platform_points, (n, 3)))
+        position = _own("reference_position", self.reference_position, (3,))
         set_field(self, "reference_position", position)
-        rotation = rotation_matrix("reference_rotation", self.reference_rotation)
+        rotation = rotation_matrix("reference_rotation", self.reference_rotation).copy()
         set_field(self, "reference_rotation", rotation)
+        if not MIN_CABLE_LENGTH_M <= self.cable_length_min < self.cable_length_max:
+            raise OutOfRangeError(
+                "cable_length_min", self.cable_length_min, MIN_CABLE_LENGTH_M, self.cable_length_max
+            )
         for array in (self.base_points, self.platform_points, position, rotation):
             array.setflags(write=False)
         self._check_not_degenerate()
@@ -100,6 +113,8 @@ class _GeometryFile:
     platform_points: list[list[float]]
     base_frame: str = "rig_base"
     platform_frame: str = "platform"
+    cable_length_min: float = MIN_CABLE_LENGTH_M
+    cable_length_max: float = inf
 
 
 def load_geometry(path: str | Path | None = None) -> RigGeometry:
@@ -126,10 +141,12 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
             reference_rotation=content.reference_pose.rotation,
             base_frame=content.base_frame,
             platform_frame=content.platform_frame,
+            cable_length_min=content.cable_length_min,
+            cable_length_max=content.cable_length_max,
         )
     except DegenerateGeometryError as error:
         raise DegenerateGeometryError(f"{source}: {error}") from error
-    except ShapeError as error:
+    except (OutOfRangeError, ShapeError) as error:
         raise ConfigError(f"{source}: {error}") from error
     check_geometry(
         geometry.base_points,

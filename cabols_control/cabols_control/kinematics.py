@@ -8,9 +8,14 @@ l_dot = -A^T [v; omega] (virtual work; the source's (3.3), (3.4) with J = -A^T).
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.cable_kernels import cable_lengths_unchecked, structure_matrix_unchecked
+from cabols_control.cable_kernels import (
+    cable_lengths_unchecked,
+    refuse_short_cable,
+    structure_matrix_unchecked,
+)
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.geometry import RigGeometry
 
@@ -50,11 +55,12 @@ def structure_matrix(geometry: RigGeometry, position: ArrayLike, rotation: Array
         about the platform's origin, in base axes.
 
     Raises:
-        ShapeError: if the pose has another shape, is not finite or is no rotation.
+        ShapeError: if the pose has another shape, is not finite or is no rotation, or a cable
+            has no length there, so no direction.
     """
-    return structure_matrix_unchecked(
-        geometry.base_points,
-        geometry.platform_points,
-        finite_array("position", position, (3,)),
-        rotation_matrix("rotation", rotation),
-    )
+    place, turn = finite_array("position", position, (3,)), rotation_matrix("rotation", rotation)
+    points = (geometry.base_points, geometry.platform_points)
+    matrix = structure_matrix_unchecked(*points, place, turn)
+    if not np.isfinite(matrix).all():
+        refuse_short_cable(*points, place, turn)
+    return matrix

@@ -109,7 +109,8 @@ def test_factor_of_a_set_that_does_not_hold_zero():
     # Only pulls of 20 to 30 N can be given: no multiple of the set about zero fits at 1.
     one_way = capacity_of_matrices(np.array([[[1.0, 1.0]]]), 10.0, 15.0, wrench_box([1.0], [9.0]))
     np.testing.assert_allclose(one_way.margin, [-12.0])
-    np.testing.assert_allclose(one_way.factor, [3.0])
+    np.testing.assert_allclose([one_way.factor_low[0], one_way.factor_high[0]], [2.5, 3.0])
+    np.testing.assert_allclose(one_way.factor, [0.0])
     assert one_way.closure[0] == 0.0
     none = capacity_of_matrices(np.array([[[1.0, 1.0]]]), 10.0, 15.0, wrench_box([9.0], [9.0]))
     assert none.factor[0] == 0.0

@@ -7,7 +7,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.checks import FloatArray, IntArray, finite_array
+from cabols_control.checks import FloatArray, IntArray, finite_array, plain_array
 from cabols_control.errors import CabolsError, ShapeError
 from cabols_control.naming import cable_name
 
@@ -109,14 +109,42 @@ def batch_outputs(
             f"out: expected float64 ({count}, {n}) and int64 ({count},), got {tensions.dtype} "
             f"{tensions.shape} and {status.dtype} {status.shape}"
         )
+    for array in (tensions, status):
+        if not (array.flags.c_contiguous and array.flags.writeable and array.flags.aligned):
+            raise ShapeError(
+                "out: expected C-contiguous, writable arrays, got others; make them by np.empty"
+            )
     return tensions, status
+
+
+def output_row(tension: FloatArray, n: int) -> FloatArray:
+    """Return the array that a solver fills, if it can be filled in place.
+
+    Args:
+        tension: the caller's array.
+        n: number of cables.
+
+    Raises:
+        ShapeError: if it is not (n,) float64, C-contiguous and writable.
+    """
+    fits = isinstance(tension, np.ndarray) and tension.dtype == np.float64
+    if not (fits and tension.shape == (n,)):
+        shape = getattr(tension, "shape", None)
+        raise ShapeError(f"tension: expected shape ({n},) of float64, got {shape}; one per cable")
+    flags = tension.flags
+    if not (flags.c_contiguous and flags.writeable and flags.aligned):
+        raise ShapeError("tension: expected a C-contiguous, writable array; make it by np.empty")
+    return tension
 
 
 def batch_rows(
     name: str, value: ArrayLike, row: tuple[int, ...], count: int | None = None
 ) -> FloatArray:
     """Return value as a C-contiguous (k, *row) array; it need not be finite."""
-    array = np.ascontiguousarray(value, dtype=np.float64)
+    try:
+        array = plain_array(value)
+    except (TypeError, ValueError) as error:
+        raise ShapeError(f"{name}: expected rows of numbers, got {value!r}") from error
     fits = array.ndim == 1 + len(row) and array.shape[1:] == row
     if not fits or (count is not None and array.shape[0] != count):
         length = "k" if count is None else str(count)

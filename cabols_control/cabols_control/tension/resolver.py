@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cabols_control.cable_kernels import refuse_short_cable
 from cabols_control.checks import FloatArray, IntArray, finite_array
 from cabols_control.errors import ShapeError
 
@@ -19,6 +20,7 @@ from .arguments import (
     check_matrix,
     check_weights,
     check_wrench,
+    output_row,
     refuse_output,
     refuse_wrench,
 )
@@ -113,7 +115,11 @@ class TensionResolver:
         Raises:
             ShapeError: if the wrench is not (6,) or not finite, or tension is not (n,).
         """
-        status = solve_into_entry(self.work, wrench, tension)
+        try:
+            status = solve_into_entry(self.work, wrench, tension)
+        except TypeError:  # a list, float32, strided or read-only: convert, then the same way
+            tension = output_row(tension, self.cables)
+            status = solve_into_entry(self.work, check_wrench(wrench), tension)
         if status > INFEASIBLE:
             refuse_output(wrench, tension, self.cables)
         return status == FEASIBLE
@@ -204,7 +210,8 @@ class RigTensionResolver:
             wrench: (6,) [N], [N m] about the platform's origin, base axes.
 
         Raises:
-            ShapeError: if an argument has another shape or is not finite.
+            ShapeError: if an argument has another shape or is not finite, or a cable has no length
+                at the pose.
         """
         tension, residual = _empty(self.cables), _empty(6)
         try:
@@ -220,15 +227,21 @@ class RigTensionResolver:
             )
         status = code & STATUS_MASK
         if status > INFEASIBLE:
-            finite_array("position", position, (3,))
-            finite_array("rotation", rotation, (3, 3))
+            self._refuse_pose(position, rotation)
             refuse_wrench(wrench)
         return _new(TensionSolution, (tension, status == 0, residual, _METHOD, code >> STATUS_BITS))
+
+    def _refuse_pose(self, position: ArrayLike, rotation: ArrayLike) -> None:
+        """Say what is wrong with a pose that the compiled code refused, if it is the pose."""
+        place = finite_array("position", position, (3,))
+        turn = finite_array("rotation", rotation, (3, 3))
+        points = self.work[work_size(self.cables) :].reshape(2, self.cables, 3)
+        refuse_short_cable(points[0], points[1], place, turn)
 
     def solve_into(
         self, position: FloatArray, rotation: FloatArray, wrench: FloatArray, tension: FloatArray
     ) -> bool:
-        """Tensions for one wrench at one pose into an array; float64 arrays only, see solve.
+        """Tensions for one wrench at one pose into an array; fastest for float64 arrays, see solve.
 
         Returns:
             True if feasible; otherwise the tensions are those of the nearest feasible wrench.
@@ -236,10 +249,18 @@ class RigTensionResolver:
         Raises:
             ShapeError: if an argument has another shape or is not finite.
         """
-        status = solve_at_into_entry(self.work, position, rotation, wrench, tension)
+        try:
+            status = solve_at_into_entry(self.work, position, rotation, wrench, tension)
+        except TypeError:
+            status = solve_at_into_entry(
+                self.work,
+                finite_array("position", position, (3,)),
+                finite_array("rotation", rotation, (3, 3)),
+                check_wrench(wrench),
+                output_row(tension, self.cables),
+            )
         if status > INFEASIBLE:
-            finite_array("position", position, (3,))
-            finite_array("rotation", rotation, (3, 3))
+            self._refuse_pose(position, rotation)
             refuse_output(wrench, tension, self.cables)
         return status == FEASIBLE
 
@@ -253,7 +274,8 @@ class RigTensionResolver:
         """One wrench at each of many poses: (k, 3) [m], (k, 3, 3), (k, 6) [N], [N m].
 
         Returns:
-            (k, n) tensions [N] and (k,) status as `TensionResolver.solve_batch`.
+            (k, n) tensions [N] and (k,) status as `TensionResolver.solve_batch`; 2 also where a
+            cable has no length at the pose.
 
         Raises:
             ShapeError: if the arguments are not of these shapes.

@@ -8,27 +8,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.cable_kernels import structure_matrix_into
-from cabols_control.checks import BoolArray, FloatArray, finite_array
+from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M, structure_matrix_into
+from cabols_control.checks import BoolArray, FloatArray, finite_array, in_range
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
 from cabols_control.tension import DEFAULT_WEIGHTS, work_size
 from cabols_control.tension.arguments import check_limits, check_weights
 from cabols_control.tension.kernels.static_size import compiled
 
-from .hyperplanes import (
-    CLOSURE,
-    FACTOR,
-    MARGIN,
-    RESULTS,
-    capacity_at,
-    capacity_of_matrix,
-    facet_normals,
-)
+from .facet_result import CLOSURE, FACTOR, HIGHEST, LOWEST, MARGIN, RESULTS, worst_result
+from .hyperplanes import capacity_at, capacity_of_matrix, facet_normals
 from .wrench_set import WrenchSet
 
 CLOSED = 1e-9
 """Smallest radius of the closure ball that counts; below it rounding decides."""
+
+MOST_WEIGHT_N = 1e9
+"""Largest weight of a platform that is taken: above, the units are wrong."""
 
 
 class Capacity(NamedTuple):
@@ -38,15 +34,20 @@ class Capacity(NamedTuple):
         margin: (k,) capacity margin: least distance from the required set to the boundary of
             the available wrenches, negative by how far it sticks out at most; torques count as
             forces by the weights [N]. -inf where the structure matrix has not full rank.
-        factor: (k,) largest multiple of the required set (about the zero wrench) that the
-            cables can give; 0 where none.
+        factor: (k,) largest multiple of the required set (about the zero wrench, what is held
+            staying) that the cables can give; 0 where none, or where only multiples above 1 fit,
+            so that it is never above 1 where the set is not feasible.
         closure: (k,) radius of the ball of weighted wrenches that tensions from 0 to 1 N give:
             positive where the pose is wrench-closed.
+        factor_low: (k,) least multiple of the set that fits; NaN where none does.
+        factor_high: (k,) largest one; NaN where none does.
     """
 
     margin: FloatArray
     factor: FloatArray
     closure: FloatArray
+    factor_low: FloatArray
+    factor_high: FloatArray
 
     @property
     def feasible(self) -> BoolArray:
@@ -71,6 +72,12 @@ class CapacityTask(NamedTuple):
         points: (q, 6) of the required set, times the weights.
         generators: (p, 6) of it, times the weights.
         platform_axes: whether the required set turns with the platform.
+        held: (6,) constant part of the required set, base axes [N, N m].
+        weight: [N], along -z of the base frame.
+        centre_of_mass: (3,) where it acts, platform axes [m].
+        holds: whether there is a constant part at all.
+        shortest: least length of a cable [m].
+        longest: largest [m].
     """
 
     base_points: FloatArray
@@ -81,6 +88,27 @@ class CapacityTask(NamedTuple):
     points: FloatArray
     generators: FloatArray
     platform_axes: bool
+    held: FloatArray
+    weight: float
+    centre_of_mass: FloatArray
+    holds: bool
+    shortest: float
+    longest: float
+
+
+class PlatformWeight(NamedTuple):
+    """What hangs on the cables at every pose.
+
+    Attributes:
+        weight: [N], along -z of the base frame.
+        centre_of_mass: (3,) where it acts, platform axes [m].
+    """
+
+    weight: float
+    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+NO_WEIGHT = PlatformWeight(0.0)
 
 
 def capacity_task(
@@ -90,6 +118,7 @@ def capacity_task(
     required: WrenchSet,
     platform_axes: bool = False,
     weights: ArrayLike | None = None,
+    platform: PlatformWeight = NO_WEIGHT,
 ) -> CapacityTask:
     """Check and scale the arguments of `capacity_along`.
 
@@ -100,14 +129,27 @@ def capacity_task(
     if required.dimension != 6:
         raise ShapeError(f"required: expected wrenches (q, 6), got (q, {required.dimension})")
     scale = check_weights(weights)
+    weight = in_range("weight", platform.weight, 0.0, MOST_WEIGHT_N)
+    centre = finite_array("centre_of_mass", platform.centre_of_mass, (3,))
+    low, high = check_limits(geometry.cables, tension_min, tension_max)
+    # What overflows here is inf or NaN, and fails at every pose.
+    with np.errstate(over="ignore"):
+        points, generators = required.points * scale, required.generators * scale
     return CapacityTask(
-        np.array(geometry.base_points),
-        np.array(geometry.platform_points),
-        *check_limits(geometry.cables, tension_min, tension_max),
-        scale,
-        required.points * scale,
-        required.generators * scale,
-        platform_axes,
+        base_points=np.array(geometry.base_points),
+        platform_points=np.array(geometry.platform_points),
+        low=low,
+        high=high,
+        weights=scale,
+        points=points,
+        generators=generators,
+        platform_axes=platform_axes,
+        held=required.held,
+        weight=weight,
+        centre_of_mass=centre,
+        holds=bool(weight > 0.0 or required.held.any()),
+        shortest=geometry.cable_length_min,
+        longest=geometry.cable_length_max,
     )
 
 
@@ -120,6 +162,42 @@ def to_platform_axes(matrix: FloatArray, rotation: FloatArray) -> None:
             for k in range(3):
                 turned = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
                 matrix[3 * part + k, i] = turned
+
+
+@compiled
+def _held_wrench(task: CapacityTask, rotation: FloatArray, held: FloatArray) -> None:
+    """Constant part of the required set at an orientation, times the weights, in its axes."""
+    r = task.centre_of_mass
+    x = rotation[0, 0] * r[0] + rotation[0, 1] * r[1] + rotation[0, 2] * r[2]
+    y = rotation[1, 0] * r[0] + rotation[1, 1] * r[1] + rotation[1, 2] * r[2]
+    base = np.empty(6)
+    base[:] = task.held
+    base[2] += task.weight
+    base[3] += y * task.weight
+    base[4] -= x * task.weight
+    for part in range(2):
+        for k in range(3):
+            value = base[3 * part + k]
+            if task.platform_axes:
+                value = 0.0
+                for i in range(3):
+                    value += rotation[i, k] * base[3 * part + i]
+            held[3 * part + k] = task.weights[3 * part + k] * value
+
+
+@compiled
+def _reaches(task: CapacityTask, position: FloatArray, rotation: FloatArray) -> bool:
+    """Whether every cable's length is within its limits."""
+    for i in range(task.base_points.shape[0]):
+        square = 0.0
+        for axis in range(3):
+            part = task.base_points[i, axis] - position[axis]
+            for k in range(3):
+                part -= rotation[axis, k] * task.platform_points[i, k]
+            square += part * part
+        if not task.shortest * task.shortest <= square <= task.longest * task.longest:
+            return False
+    return True
 
 
 @compiled
@@ -140,6 +218,8 @@ def capacity_loop(
     start += n * vectors
     matrix = scratch[start : start + 6 * n].reshape((6, n))
     scaled = scratch[start + 6 * n : start + 12 * n].reshape((6, n))
+    held = np.zeros(6)
+    bounded = task.shortest > MIN_CABLE_LENGTH_M or task.longest < np.inf
     for k in range(positions.shape[0]):
         for o in range(rotations.shape[0]):
             structure_matrix_into(
@@ -147,7 +227,12 @@ def capacity_loop(
             )
             if task.platform_axes:
                 to_platform_axes(matrix, rotations[o])
-            capacity_at(task, matrix, work, products, normals, scaled, results[k, o])
+            if task.holds:
+                _held_wrench(task, rotations[o], held)
+            if bounded and not _reaches(task, positions[k], rotations[o]):
+                worst_result(results[k, o])
+                continue
+            capacity_at(task, matrix, work, products, normals, scaled, held, results[k, o])
 
 
 def capacity_scratch(task: CapacityTask) -> tuple[FloatArray, FloatArray]:
@@ -166,8 +251,12 @@ def capacity_along(
     required: WrenchSet,
     platform_axes: bool = False,
     weights: ArrayLike | None = None,
+    platform: PlatformWeight = NO_WEIGHT,
 ) -> Capacity:
     """Margins at the poses of a trajectory.
+
+    A pose where a cable is shorter or longer than the geometry allows is out of reach: margin
+    -inf, the rest 0.
 
     Args:
         geometry: attachment points of n cables.
@@ -179,9 +268,10 @@ def capacity_along(
         platform_axes: whether they are given in platform axes; else in base axes.
         weights: (6,) that make forces and torques comparable in the margin; default 1/N for
             force and 1/(0.15 m) for torque, as in `distribute`.
+        platform: its weight, held at every pose beside the required wrenches.
 
     Returns:
-        Margin, factor and closure for every pose.
+        Margin, factor, closure and interval of factors for every pose.
 
     Raises:
         ShapeError: if an argument has another shape or is not finite.
@@ -191,7 +281,9 @@ def capacity_along(
         Bouchard, Gosselin, Moore 2010 (hyperplane shifting); Ruiz, Caro, Cardou, Guay 2015
         (capacity margin).
     """
-    task = capacity_task(geometry, tension_min, tension_max, required, platform_axes, weights)
+    task = capacity_task(
+        geometry, tension_min, tension_max, required, platform_axes, weights, platform
+    )
     points = finite_array("positions", positions, (None, 3))
     turns = finite_array("rotations", rotations, (points.shape[0], 3, 3))
     results = np.empty((points.shape[0], 1, RESULTS))
@@ -205,7 +297,7 @@ def capacity_along(
 
 def as_capacity(results: FloatArray) -> Capacity:
     """Split rows (..., RESULTS) into a Capacity."""
-    return Capacity(results[..., MARGIN], results[..., FACTOR], results[..., CLOSURE])
+    return Capacity(*(results[..., k] for k in (MARGIN, FACTOR, CLOSURE, LOWEST, HIGHEST)))
 
 
 def capacity_of_matrices(
@@ -236,10 +328,12 @@ def capacity_of_matrices(
     default = DEFAULT_WEIGHTS if m == 6 else np.ones(m)
     scale = finite_array("weights", default if weights is None else weights, (m,))
     results, normals = np.empty((k, RESULTS)), np.zeros((comb(n, m - 1), m))
-    points, generators = required.points * scale, required.generators * scale
-    scaled = np.ascontiguousarray(array * scale[:, None])
+    with np.errstate(over="ignore"):
+        points, generators = required.points * scale, required.generators * scale
+        scaled = np.ascontiguousarray(array * scale[:, None])
+        held = required.held * scale
     for matrix, row in zip(scaled, results, strict=True):
-        capacity_of_matrix(matrix, low, high, points, generators, normals, row)
+        capacity_of_matrix(matrix, low, high, held, points, generators, normals, row)
     return as_capacity(results)
 
 

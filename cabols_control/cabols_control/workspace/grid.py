@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from cabols_control.checks import BoolArray, FloatArray, finite_array
+from cabols_control.checks import BoolArray, FloatArray, finite_array, in_range
 from cabols_control.errors import CabolsError, ShapeError
 
 from .bodies import InterferenceTask
 from .capacity import Capacity, CapacityTask, as_capacity, capacity_loop, capacity_scratch
-from .hyperplanes import RESULTS
+from .facet_result import RESULTS
 from .interference import Clearance, clearance_loop, clearance_work
+from .surface import NO_MESH, Mesh, level_surface
 
 CHUNK_POSES = 20_000
 """Poses of one piece of work, about a tenth of a second, so that cores end together."""
@@ -29,7 +30,7 @@ class PoseGrid:
         x: (nx,) rising, base frame [m].
         y: (ny,) rising [m].
         z: (nz,) rising [m].
-        angles_deg: (o, 3) intrinsic x-y-z Euler angles of the orientations [deg].
+        angles_deg: (o, 3) intrinsic x-y-z Euler angles of the orientations, from `rotation` [deg].
         rotation: (3, 3) from platform to base axes at angles zero.
     """
 
@@ -75,6 +76,11 @@ class PoseGrid:
         return np.ascontiguousarray(self.rotation @ turns)
 
     @property
+    def base_angles_deg(self) -> FloatArray:
+        """(o, 3) intrinsic x-y-z Euler angles of the rotations, from base axes [deg]."""
+        return np.asarray(Rotation.from_matrix(self.rotations).as_euler("XYZ", degrees=True))
+
+    @property
     def cell_volume(self) -> float:
         """Volume that one position stands for [m^3]; an axis of one position counts as 1 m."""
         steps = [float(np.diff(axis).mean()) if axis.size > 1 else 1.0 for axis in self._axes]
@@ -111,7 +117,7 @@ def box_grid(
 
 def tilts(angle_deg: float) -> FloatArray:
     """(7, 3) Euler angles [deg]: none, then +- one angle about each axis."""
-    turns = angle_deg * np.eye(3)
+    turns = in_range("tilt", angle_deg, 0.0, 180.0) * np.eye(3)
     return np.concatenate([np.zeros((1, 3)), turns, -turns])
 
 
@@ -176,8 +182,35 @@ class WorkspaceMap:
         return np.asarray(self.feasible & self.free)
 
     def volume(self, poses: BoolArray) -> float:
-        """Volume of the positions where every orientation belongs to `poses` [m^3]."""
+        """Count positions where every orientation belongs to `poses`, a cell each [m^3].
+
+        Cells at the grid's boundary reach beyond it: `solids` has the volumes that are printed.
+        """
         return float(poses.all(axis=-1).sum()) * self.grid.cell_volume
+
+    def levels(self) -> dict[str, FloatArray]:
+        """(nx, ny, nz) values above zero where a region is, worst over the orientations.
+
+        Regions: "closed" (wrench-closed), "feasible", "free" of interference, "usable" (both).
+        """
+        free = (self.clearance.least - self.free_above).min(axis=-1)
+        return {
+            "closed": np.where(self.capacity.closed.all(axis=-1), 1.0, -1.0),
+            "feasible": np.asarray(self.capacity.margin.min(axis=-1)),
+            "free": np.where(np.isnan(free), -np.inf, free),
+            "usable": self.level(),
+        }
+
+    def solids(self) -> dict[str, Mesh]:
+        """Closed mesh round each region of `levels`; its volume is the region's, within the box.
+
+        A grid of one position along an axis has no volume: its meshes are empty.
+        """
+        flat = min(self.grid.shape) < 2
+        return {
+            name: NO_MESH if flat else level_surface(self.grid.x, self.grid.y, self.grid.z, level)
+            for name, level in self.levels().items()
+        }
 
     def level(self) -> FloatArray:
         """(nx, ny, nz) least margin over the orientations, for surfaces at zero [N].

@@ -33,67 +33,14 @@ from cabols_control.tension.kernels.work_array import (
     at_limits,
 )
 
+from .facet_result import finish_result, start_result, take_facet, worst_result
+
 DEPENDENT = 1e-9
 """Columns that leave less than this of a unit direction count as dependent: no facet is lost."""
 WELL_CONDITIONED = 1e-9
 """Tolerance of a pose over its largest limit, 4 eps cond: above, the normals are solved for."""
-MARGIN, FACTOR, CLOSURE, LOWEST = 0, 1, 2, 3
-"""Places in a result: see `capacity_at`. LOWEST is the smallest factor, for sets without zero."""
-RESULTS = 4
-
-
-@compiled
-def start_result(out: FloatArray) -> None:
-    """Start without any facet, so that every set fits."""
-    out[MARGIN], out[FACTOR], out[CLOSURE], out[LOWEST] = math.inf, math.inf, math.inf, 0.0
-
-
-@compiled
-def _shrink(reach: float, need: float, out: FloatArray) -> None:
-    """Narrow the range of factors s with s need <= reach."""
-    if need > 0.0:
-        out[FACTOR] = min(out[FACTOR], reach / need)
-    elif need < 0.0:
-        out[LOWEST] = max(out[LOWEST], reach / need)
-    elif reach < 0.0:
-        out[FACTOR] = -math.inf
-
-
-@compiled
-def _take(
-    length: float,
-    up: float,
-    down: float,
-    need_up: float,
-    need_down: float,
-    ahead: float,
-    behind: float,
-    out: FloatArray,
-) -> None:
-    """Take one pair of opposite facets into the result.
-
-    Args:
-        length: of the normal.
-        up: how far the zonotope reaches along the normal, times length [N].
-        down: the same against it.
-        need_up: how far the required set reaches along it, times length [N].
-        need_down: against it.
-        ahead: sum of the positive y, what unit tensions can give along the normal.
-        behind: the same against it.
-        out: result, updated.
-    """
-    scale = 1.0 / length
-    out[MARGIN] = min(out[MARGIN], min(up - need_up, down - need_down) * scale)
-    out[CLOSURE] = min(out[CLOSURE], min(ahead, behind) * scale)
-    _shrink(up, need_up, out)
-    _shrink(down, need_down, out)
-
-
-@compiled
-def finish_result(out: FloatArray) -> None:
-    """Largest factor for which the set still fits, 0 if none does."""
-    if not out[FACTOR] >= out[LOWEST]:
-        out[FACTOR] = 0.0
+NOT_FINITE = 2
+"""Answer of `prepare_pose` to a matrix that is not finite."""
 
 
 @compiled
@@ -153,7 +100,9 @@ def _facet(
         need_up, need_down = max(need_up, value), max(need_down, -value)
     for v in range(points, last):
         spread += abs(yi * products[i, v] + yj * products[j, v] + yk * products[k, v])
-    _take(math.sqrt(square), up, down, need_up + spread, need_down + spread, ahead, behind, out)
+    take_facet(
+        math.sqrt(square), up, down, need_up + spread, need_down + spread, ahead, behind, out
+    )
 
 
 @compiled
@@ -292,6 +241,7 @@ def capacity_of_matrix(
     matrix: FloatArray,
     low: FloatArray,
     high: FloatArray,
+    held: FloatArray,
     points: FloatArray,
     generators: FloatArray,
     normals: FloatArray,
@@ -301,7 +251,7 @@ def capacity_of_matrix(
 
     A matrix without rank m carries no set in all directions: margin -inf, the rest zero.
     Arguments as `capacity_of_prepared`; `normals` is scratch for `facet_normals`, limits are (n,)
-    [N].
+    [N]; held (m,) is the constant part of the set, weighted.
     """
     m, n = matrix.shape
     start_result(out)
@@ -316,6 +266,9 @@ def capacity_of_matrix(
             down -= min(y * low[i], y * high[i])
             ahead += max(y, 0.0)
             behind -= min(y, 0.0)
+        for k in range(m):
+            up -= normals[h, k] * held[k]
+            down += normals[h, k] * held[k]
         need_up, need_down, spread = -math.inf, -math.inf, 0.0
         for v in range(points.shape[0]):
             value = 0.0
@@ -327,10 +280,20 @@ def capacity_of_matrix(
             for k in range(m):
                 value += normals[h, k] * generators[v, k]
             spread += abs(value)
-        _take(1.0, up, down, need_up + spread, need_down + spread, ahead, behind, out)
+        take_facet(1.0, up, down, need_up + spread, need_down + spread, ahead, behind, out)
     finish_result(out)
-    if count == 0:
-        out[MARGIN], out[FACTOR], out[CLOSURE] = -math.inf, 0.0, 0.0
+
+
+@compiled
+def _hold(work: FloatArray, n: int, held: FloatArray) -> None:
+    """Move the limits by the tensions pinv(A) held: what is left is for the rest of the set."""
+    inverse, low, high = at_inverse(n), at_limits(n), at_limits(n) + n
+    for i in range(n):
+        value = 0.0
+        for k in range(6):
+            value += work[inverse + k * n + i] * held[k]
+        work[low + i] -= value
+        work[high + i] -= value
 
 
 @compiled
@@ -341,6 +304,7 @@ def capacity_at(
     products: FloatArray,
     normals: FloatArray,
     scaled: FloatArray,
+    held: FloatArray,
     out: FloatArray,
 ) -> None:
     """Result for one pose of a rig in space: the fast way where it applies, else the general.
@@ -354,17 +318,27 @@ def capacity_at(
         products: (n, q + p + n) scratch.
         normals: (C(n, 5), 6) scratch.
         scaled: (6, n) scratch.
+        held: (6,) constant part of the required set, times the weights.
         out: (RESULTS,) filled: MARGIN, least distance from the required set to a facet of the
             available one, weighted, negative outside [N]; FACTOR, largest multiple of the
-            required set that fits; CLOSURE, radius of the ball of weighted wrenches that
-            tensions of 0 to 1 can give; then scratch.
+            required set that fits beside the held part, see `finish_result`; CLOSURE, radius of
+            the ball of weighted wrenches that tensions of 0 to 1 can give; LOWEST and HIGHEST,
+            the interval of multiples that fit, NaN where none does. A pose with a cable without
+            length has the worst of each.
     """
     n = matrix.shape[1]
-    ready = prepare_pose(matrix, task.low, task.high, task.weights, work) == 0
-    if ready and n <= 8 and work[TOLERANCE] <= WELL_CONDITIONED * work[SCALE]:
+    state = prepare_pose(matrix, task.low, task.high, task.weights, work)
+    if state == NOT_FINITE:
+        worst_result(out)
+        return
+    if state == 0 and n <= 8 and work[TOLERANCE] <= WELL_CONDITIONED * work[SCALE]:
+        if task.holds:
+            _hold(work, n, held)
         capacity_of_prepared(work, task.points, task.generators, products, out)
         return
     for k in range(6):
         for i in range(n):
             scaled[k, i] = task.weights[k] * matrix[k, i]
-    capacity_of_matrix(scaled, task.low, task.high, task.points, task.generators, normals, out)
+    capacity_of_matrix(
+        scaled, task.low, task.high, held, task.points, task.generators, normals, out
+    )

@@ -20,6 +20,8 @@ _TETRAHEDRA = np.array(
 _CORNERS = np.array([[c >> 2 & 1, c >> 1 & 1, c & 1] for c in range(8)])
 INSET = 0.02
 """Share of an edge that the surface keeps away from its ends: no two vertices coincide."""
+PAD = 1e-3
+"""By how much the grid's ends move in, of a step, to leave room for the surface round them."""
 
 
 class Mesh(NamedTuple):
@@ -40,10 +42,19 @@ class Mesh(NamedTuple):
         return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
 
 
+NO_MESH = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+
+
 def _padded(axis: FloatArray) -> FloatArray:
-    """Add a position on either side, one step away."""
-    step = float(np.diff(axis).mean())
-    return np.concatenate([[axis[0] - step], axis, [axis[-1] + step]])
+    """Add a position on either side: the ends, while the grid's move in a little.
+
+    So the surface stays within the box, and its vertices apart also in single precision.
+    """
+    step = PAD * float(np.diff(axis).mean())
+    inner = axis.copy()
+    inner[0] += step
+    inner[-1] -= step
+    return np.concatenate([axis[:1], inner, axis[-1:]])
 
 
 def _tetrahedra(shape: tuple[int, ...]) -> IndexArray:
@@ -117,7 +128,7 @@ def _march(level: FloatArray, points: FloatArray) -> Mesh:
         found += _triangles(ordered[:, :count], ordered[:, count:])
     edges = np.concatenate(found)
     if edges.size == 0:
-        return Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+        return NO_MESH
     keys, index = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
     faces = index.reshape(-1, 3).astype(np.int64)
     inner, outer = flat[keys[:, 0]], flat[keys[:, 1]]

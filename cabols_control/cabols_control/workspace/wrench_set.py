@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -17,15 +17,18 @@ MAX_VERTICES_OF = 12
 
 @dataclass(frozen=True, eq=False)
 class WrenchSet:
-    """Convex set conv(points) + sum of the segments [-g, g]: polytopes, boxes, zonotopes.
+    """Convex set held + conv(points) + sum of the segments [-g, g]: polytopes, boxes, zonotopes.
 
     Attributes:
         points: (q, m) wrenches, q >= 1, whose convex hull is taken [N, N m].
         generators: (p, m) half axes g that are added, p >= 0 [N, N m].
+        held: (m,) constant part that no multiple of the set changes, such as the wrench that
+            holds the weight, in base axes always [N, N m]; empty for none.
     """
 
     points: FloatArray
     generators: FloatArray
+    held: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Check shapes and finiteness."""
@@ -33,11 +36,15 @@ class WrenchSet:
         if points.shape[0] < 1:
             raise ShapeError("points: expected at least one wrench, got none; the zero wrench?")
         m = points.shape[1]
+        if m < 1:
+            raise ShapeError(f"points: expected wrenches of one component or more, got {m}")
         generators = np.asarray(self.generators, dtype=np.float64)
         if generators.size == 0:
             generators = np.zeros((0, m))
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "generators", finite_array("generators", generators, (None, m)))
+        held = finite_array("held", self.held, (m,)) if np.size(self.held) else np.zeros(m)
+        object.__setattr__(self, "held", held)
 
     @property
     def dimension(self) -> int:
@@ -56,21 +63,24 @@ class WrenchSet:
                 f"generators: expected at most {MAX_VERTICES_OF} to list vertices, got {p}; the "
                 "hyperplane test needs no list"
             )
-        signs = np.array(list(product((-1.0, 1.0), repeat=p))).reshape(-1, p)
+        signs = np.array(list(product((-1.0, 1.0), repeat=p))).reshape(2**p, p)
         corners = self.points[:, None, :] + (signs @ self.generators)[None, :, :]
-        return corners.reshape(-1, self.dimension)
+        return corners.reshape(-1, self.dimension) + self.held
 
     def scaled(self, factor: float) -> WrenchSet:
-        """Return the set times a factor, about the zero wrench."""
-        return WrenchSet(factor * self.points, factor * self.generators)
+        """Return the set times a factor, about the zero wrench; what is held stays."""
+        return WrenchSet(factor * self.points, factor * self.generators, self.held)
 
 
-def wrench_box(half_widths: ArrayLike, centre: ArrayLike | None = None) -> WrenchSet:
+def wrench_box(
+    half_widths: ArrayLike, centre: ArrayLike | None = None, held: ArrayLike | None = None
+) -> WrenchSet:
     """Box of wrenches, all components at once.
 
     Args:
         half_widths: (m,) largest deviation of each component [N, N m]; zeros make it flat.
         centre: (m,) [N, N m]; None for zero.
+        held: (m,) constant part of the set, see WrenchSet [N, N m]; None for none.
 
     Raises:
         ShapeError: if an argument is not (m,) or not finite.
@@ -80,7 +90,8 @@ def wrench_box(half_widths: ArrayLike, centre: ArrayLike | None = None) -> Wrenc
     if not (half >= 0.0).all():
         raise CabolsError(f"half_widths: expected none below zero, got {half}; drop the signs")
     middle = np.zeros(half.size) if centre is None else finite_array("centre", centre, half.shape)
-    return WrenchSet(middle[None, :], np.diag(half)[half > 0.0])
+    fixed = np.zeros(half.size) if held is None else finite_array("held", held, half.shape)
+    return WrenchSet(middle[None, :], np.diag(half)[half > 0.0], fixed)
 
 
 def wrench_zonotope(generators: ArrayLike, centre: ArrayLike) -> WrenchSet:

@@ -13,9 +13,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.errors import CabolsError, DegenerateGeometryError
-from cabols_control.geometry import MIN_CABLE_LENGTH_M, RigGeometry
+from cabols_control.geometry import RigGeometry
 from cabols_control.naming import cable_name
 
 MassLaw = Literal["variable", "no_stream", "constant"]

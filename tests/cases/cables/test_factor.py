@@ -8,10 +8,8 @@ import pytest
 from cabols_control.workspace.capacity import capacity_along
 from cabols_control.workspace.wrench_set import wrench_box
 from case_robots import load
-from cases import fails_today
 
 
-@fails_today(18, "the factor is above 1 where the set is not feasible")
 @pytest.mark.parametrize("name", ["swin_susp", "caroca"])
 def test_no_infeasible_pose_has_a_factor_above_one(name):
     """With a least tension a multiple of the set can be feasible where the set itself is not."""

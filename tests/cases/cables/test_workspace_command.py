@@ -11,7 +11,6 @@ import yaml
 
 from cabols_control.geometry import load_geometry
 from cabols_control.workspace.tool.command import main as workspace
-from cases import fails_today
 
 POSE = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 BOX_M3 = 1.2
@@ -39,14 +38,12 @@ def folder(request, tmp_path_factory):
     return folder
 
 
-@fails_today(18, "the table's volume is larger than that of its mesh")
 def test_volume_of_the_table_is_that_of_the_mesh(folder):
     said = json.loads((folder / "workspace.json").read_text("utf-8"))
     mesh = enclosed(folder / "wrench-feasible.stl")
     assert said["feasible_volume_m3"] == pytest.approx(mesh, rel=0.05)
 
 
-@fails_today(18, "a volume larger than the box of the grid")
 def test_no_volume_is_larger_than_the_box(folder):
     said = json.loads((folder / "workspace.json").read_text("utf-8"))
     volumes = {key: value for key, value in said.items() if "volume" in key}
@@ -54,7 +51,6 @@ def test_no_volume_is_larger_than_the_box(folder):
     assert max(volumes.values()) <= BOX_M3 + 1e-9
 
 
-@fails_today(18, "angles are relative in the map and absolute in the trajectory")
 def test_rows_of_a_map_are_poses_of_a_trajectory(tmp_path):
     """The bench with its reference turned by 20 deg: the same poses have the same margins."""
     bench = load_geometry()
@@ -82,7 +78,6 @@ def test_rows_of_a_map_are_poses_of_a_trajectory(tmp_path):
     np.testing.assert_allclose([float(row["margin_n"]) for row in again], margins, atol=0.01)
 
 
-@fails_today(18, "a negative tilt counts as no tilt")
 def test_negative_tilt_is_refused(tmp_path):
     words = "map --no-bodies --scheduler inline --counts 2 2 2 --tilt=-5 --output"
     try:

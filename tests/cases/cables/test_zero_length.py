@@ -15,7 +15,7 @@ from cabols_control.tension import RigTensionResolver
 from cabols_control.workspace.capacity import capacity_along
 from cabols_control.workspace.wrench_set import wrench_box
 from case_robots import FOLDER, load
-from cases import fails_today, outcome
+from cases import outcome
 
 EYE = np.eye(3)
 POSE = np.array([1.5, 0.75, 2.25])
@@ -33,7 +33,6 @@ def capacity_at(geometry, position, low=1.0, high=150.0, box=BOX):
         return capacity_along(geometry, position[None], EYE[None], low, high, box)
 
 
-@fails_today(18, "a cable without length counts as infinitely good")
 def test_pose_without_a_cable_length_is_out_of_reach(round_rig):
     found = outcome(lambda: capacity_at(round_rig, POSE))
     assert not isinstance(found, Exception), found
@@ -43,14 +42,12 @@ def test_pose_without_a_cable_length_is_out_of_reach(round_rig):
     assert not found.factor[0] > 0.0
 
 
-@fails_today(18, "ZeroDivisionError instead of the documented ShapeError")
 def test_structure_matrix_names_the_cable_without_length(round_rig):
     error = outcome(lambda: structure_matrix(round_rig, POSE, EYE))
     assert isinstance(error, ShapeError)
     assert "cable" in str(error)
 
 
-@fails_today(18, "the wrench is blamed for a cable without length")
 def test_resolver_blames_the_cable(round_rig):
     resolver = RigTensionResolver(round_rig.base_points, round_rig.platform_points, 1.0, 150.0)
     error = outcome(lambda: resolver.solve(POSE, EYE, np.zeros(6)))
@@ -58,7 +55,6 @@ def test_resolver_blames_the_cable(round_rig):
     assert "cable" in str(error)
 
 
-@fails_today(18, "a platform point on its base point counts as feasible")
 @pytest.mark.parametrize("name", ["macarm", "acrobot", "cablesim", "swin_full"])
 def test_platform_point_on_its_base_point_is_out_of_reach(name):
     geometry, low, high, _ = load(name)
@@ -73,7 +69,6 @@ def test_platform_point_on_its_base_point_is_out_of_reach(name):
     assert np.all(found.margin < 0.0)
 
 
-@fails_today(18, "an overflow counts as an infinite margin")
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
 def test_wrenches_near_the_largest_double_are_not_feasible():
     bench = load_geometry()

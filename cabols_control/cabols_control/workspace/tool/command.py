@@ -26,7 +26,7 @@ from cabols_control.workspace.bodies import Bodies, interference_task, load_bodi
 from cabols_control.workspace.capacity import capacity_along, capacity_task
 from cabols_control.workspace.grid import PoseGrid, WorkspaceMap, box_grid, tilts
 from cabols_control.workspace.interference import clearance_along, free_turn
-from cabols_control.workspace.surface import Mesh, level_surface
+from cabols_control.workspace.surface import Mesh
 from cabols_control.workspace.wrench_set import WrenchSet, wrench_box, wrench_polytope
 
 from . import figures, files
@@ -34,6 +34,12 @@ from .design_command import add_design, run_design
 from .workers import LOCAL, workers
 
 TURN_POINTS = 13
+MESHES = {
+    "closed": "wrench-closed",
+    "feasible": "wrench-feasible",
+    "usable": "feasible and free",
+}
+"""Regions that are drawn, with their names."""
 
 
 def rig_options(parser: argparse.ArgumentParser) -> None:
@@ -98,7 +104,7 @@ def _progress(start_s: float) -> Callable[[int, int], None]:
 
 
 def _grid(options: argparse.Namespace, geometry: RigGeometry) -> PoseGrid:
-    angles = tilts(options.tilt) if options.tilt > 0.0 else np.zeros((1, 3))
+    angles = tilts(options.tilt) if options.tilt != 0.0 else np.zeros((1, 3))
     return box_grid(
         geometry.reference_position,
         options.half_widths,
@@ -108,20 +114,17 @@ def _grid(options: argparse.Namespace, geometry: RigGeometry) -> PoseGrid:
     )
 
 
-def _solids(found: WorkspaceMap) -> list[tuple[str, Mesh]]:
-    """Return meshes of the closed, the feasible and the usable region, at all orientations."""
-    grid = found.grid
-    closed = np.where(found.capacity.closed.all(axis=-1), 1.0, -1.0)
-    levels = [
-        ("wrench-closed", closed),
-        ("wrench-feasible", found.capacity.margin.min(axis=-1)),
-        ("feasible and free", found.level()),
-    ]
-    return [(name, level_surface(grid.x, grid.y, grid.z, level)) for name, level in levels]
+def map_figures(
+    found: WorkspaceMap, solids: dict[str, Mesh], seconds: float, by: str
+) -> dict[str, Any]:
+    """Numbers of a map, units in the keys; volumes are those of the meshes.
 
-
-def map_figures(found: WorkspaceMap, seconds: float, by: str) -> dict[str, Any]:
-    """Numbers of a map, units in the keys."""
+    Args:
+        found: the map.
+        solids: its meshes by region.
+        seconds: that the evaluation took [s].
+        by: who evaluated it.
+    """
     return {
         "poses": found.grid.poses,
         "orientations": len(found.grid.angles_deg),
@@ -129,10 +132,9 @@ def map_figures(found: WorkspaceMap, seconds: float, by: str) -> dict[str, Any]:
         "seconds_s": seconds,
         "poses_feasible": int(found.feasible.sum()),
         "poses_usable": int(found.usable.sum()),
-        "closed_volume_m3": found.volume(found.capacity.closed),
-        "feasible_volume_m3": found.volume(found.feasible),
-        "free_volume_m3": found.volume(found.free),
-        "usable_volume_m3": found.volume(found.usable),
+        "feasible_share": float(found.feasible.all(axis=-1).mean()),
+        "usable_share": float(found.usable.all(axis=-1).mean()),
+        **{f"{name}_volume_m3": mesh.volume for name, mesh in solids.items()},
     }
 
 
@@ -155,7 +157,9 @@ def run_map(options: argparse.Namespace) -> None:
         start = time.monotonic()
         found = pool.evaluate(grid, task, touching, free_above, _progress(start))
         seconds = time.monotonic() - start
-        _leave_map(found, map_figures(found, seconds, pool.description), rig.geometry, options)
+        solids = found.solids()
+        summary = map_figures(found, solids, seconds, pool.description)
+        _leave_map(found, solids, summary, rig.geometry, options)
         if bodies is not None:
             _map_turns(geometry, bodies, options)
         folder.finish()
@@ -164,6 +168,7 @@ def run_map(options: argparse.Namespace) -> None:
 
 def _leave_map(
     found: WorkspaceMap,
+    solids: dict[str, Mesh],
     summary: dict[str, Any],
     geometry: RigGeometry,
     options: argparse.Namespace,
@@ -174,14 +179,14 @@ def _leave_map(
     files.write_json(summary, options.output / "workspace.json")
     files.write_map(found, options.output / "workspace.csv")
     if min(found.grid.shape) > 1:
-        solids = _solids(found)
+        shown = [(name, solids[region]) for region, name in MESHES.items()]
         title = f"Workspace at {len(found.grid.angles_deg)} orientations"
-        for name, mesh in solids:
+        for name, mesh in shown:
             stem = options.output / name.replace(" ", "_")
             files.write_stl(mesh, stem.with_suffix(".stl"))
             files.write_ply(mesh, stem.with_suffix(".ply"))
-        rigs = [geometry] * len(solids)
-        figures.draw_solids(rigs, solids, options.output / "workspace.png", title)
+        rigs = [geometry] * len(shown)
+        figures.draw_solids(rigs, shown, options.output / "workspace.png", title)
         figures.draw_slices(found, options.output / "slices.png", "Least over the orientations")
 
 

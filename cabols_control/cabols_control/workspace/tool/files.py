@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError, DataFileError
 from cabols_control.geometry import RigGeometry
@@ -25,6 +26,8 @@ MAP_COLUMNS = (
     "margin_n",
     "factor",
     "closure",
+    "factor_low",
+    "factor_high",
     "cables_clearance_m",
     "platform_clearance_m",
     "target_clearance_m",
@@ -58,14 +61,18 @@ def write_ply(mesh: Mesh, path: Path) -> None:
 
 
 def write_map(found: WorkspaceMap, path: Path) -> None:
-    """Write every pose of a map as a row of CSV; units in the column names."""
+    """Write every pose of a map as a row of CSV; units in the column names.
+
+    Angles are those of a trajectory's file: intrinsic x-y-z, from base to platform axes.
+    """
     grid = found.grid
     orientations = grid.angles_deg.shape[0]
     positions = np.repeat(grid.positions, orientations, axis=0)
-    angles = np.tile(grid.angles_deg, (len(grid.positions), 1))
+    angles = np.tile(grid.base_angles_deg, (len(grid.positions), 1))
     values = [*found.capacity, *found.clearance, found.usable]
     table = np.column_stack([positions, angles, *[value.ravel() for value in values]])
-    np.savetxt(path, table, fmt="%.6g", delimiter=",", header=",".join(MAP_COLUMNS), comments="")
+    form = ["%.9g"] * len(POSE_COLUMNS) + ["%.6g"] * (len(MAP_COLUMNS) - len(POSE_COLUMNS))
+    np.savetxt(path, table, fmt=form, delimiter=",", header=",".join(MAP_COLUMNS), comments="")
 
 
 def write_rows(columns: tuple[str, ...], rows: FloatArray, path: Path) -> None:
@@ -121,11 +128,22 @@ def write_geometry(geometry: RigGeometry, path: Path, comment: str) -> None:
             "position": _rounded(geometry.reference_position),
             "rotation_xyz_deg": _rounded(angles),
         },
+        **_length_limits(geometry),
         "base_points": [_rounded(row) for row in geometry.base_points],
         "platform_points": [_rounded(row) for row in geometry.platform_points],
     }
     lines = "".join(f"# {line}\n" for line in comment.splitlines())
     path.write_text(lines + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _length_limits(geometry: RigGeometry) -> dict[str, float]:
+    """Limits of the cables' lengths, those that are set."""
+    limits = {}
+    if geometry.cable_length_min > MIN_CABLE_LENGTH_M:
+        limits["cable_length_min"] = float(geometry.cable_length_min)
+    if geometry.cable_length_max < np.inf:
+        limits["cable_length_max"] = float(geometry.cable_length_max)
+    return limits
 
 
 def _rounded(values: FloatArray) -> list[float]:
