@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray, IntArray, finite_array
+from cabols_control.geometry import RigGeometry
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.limb_control.law import advance_law
 from cabols_control.limb_control.records import limb_records
@@ -62,7 +63,22 @@ class Trace:
     status: IntArray
 
 
+@dataclass(frozen=True, eq=False)
+class Mismatch:
+    """What is not as the rig's files say, beside the plant's parameters.
+
+    Attributes:
+        geometry: true attachment points.
+        sensor: (6, 6) what the sensor makes of a true wrench: gains on the diagonal, cross-talk off
+            it; identity for an exact sensor.
+    """
+
+    geometry: RigGeometry
+    sensor: FloatArray
+
+
 class _Limbs(NamedTuple):
+    matrix: FloatArray
     parameters: Any
     state: Any
     rest: FloatArray
@@ -118,7 +134,7 @@ def _run(
     law, elongation, current = control.law[0], np.zeros(n), np.zeros(n)
     accumulated, command = law["accumulated"][:], law["tension"][:]
     first, change, swing, at_rest = np.zeros(6), np.zeros(6), np.zeros(12), limbs.length.copy()
-    cable_wrench(control.matrix, limbs.tension, first)
+    cable_wrench(limbs.matrix, limbs.tension, first)
     dt_s = PERIOD_S / limbs.substeps
     for k in range(desired.shape[0]):
         # The bridge: encoders to elongation, gauges to wrench.
@@ -127,7 +143,7 @@ def _run(
             if sensors.adc_step > 0.0:
                 counts = np.floor(counts)
             elongation[i] = counts / sensors.counts_per_metre - control.zero[i]
-        cable_wrench(control.matrix, limbs.tension, true)
+        cable_wrench(limbs.matrix, limbs.tension, true)
         if platform.active:
             change[:] = true - first
             subtract_inertia(platform, change, swing, true)
@@ -174,9 +190,9 @@ def _run(
                 limbs.tension,
             )
             if platform.active:
-                cable_wrench(control.matrix, limbs.tension, change)
+                cable_wrench(limbs.matrix, limbs.tension, change)
                 change -= first
-                move_platform(platform, change, control.matrix, at_rest, swing, limbs.length)
+                move_platform(platform, change, limbs.matrix, at_rest, swing, limbs.length)
 
 
 def simulate(
@@ -187,6 +203,7 @@ def simulate(
     seed: int = 0,
     start_tension: float = 6.0,
     vibration: VibrationModel | None = None,
+    mismatch: Mismatch | None = None,
 ) -> Trace:
     """Run the closed loop at the reference pose.
 
@@ -198,6 +215,7 @@ def simulate(
         seed: of the sensor's noise and bias.
         start_tension: of every limb at the first sample [N].
         vibration: platform and target as a vibrating body; None: a rigid target.
+        mismatch: what the rig believes wrongly; None: nothing but the plant's own parameters.
 
     Returns:
         What happened.
@@ -214,16 +232,18 @@ def simulate(
         current=np.zeros((samples, n)),
         status=np.zeros(samples, dtype=np.int64),
     )
-    limbs = _limbs_at(rig, plant, start_tension)
+    wrong = mismatch or Mismatch(rig.geometry, np.eye(6))
+    limbs = _limbs_at(rig, plant, start_tension, structure_matrix(wrong.geometry, *pose))
     zero = limbs.state["motor_position"] - start_tension / rig.limbs.stiffness
     control = _control(rig, structure_matrix(rig.geometry, *pose), zero)
     platform = make_platform(vibration, PERIOD_S / plant.substeps)
-    _run(limbs, _sensors(card, plant, samples, seed), control, platform, wanted, record)
+    sensors = _sensors(card, plant, samples, seed, wrong.sensor)
+    _run(limbs, sensors, control, platform, wanted, record)
     return Trace(np.arange(samples, dtype=np.float64) * PERIOD_S, wanted, *record)
 
 
-def _limbs_at(rig: Rig, plant: PlantConfig, tension: float) -> _Limbs:
-    """Limbs at rest with a tension."""
+def _limbs_at(rig: Rig, plant: PlantConfig, tension: float, matrix: FloatArray) -> _Limbs:
+    """Limbs at rest with a tension; (6, n) true structure matrix."""
     pose = (rig.geometry.reference_position, rig.geometry.reference_rotation)
     length = cable_lengths(rig.geometry, *pose)
     parameters, state = plant.limbs.parameters, np.zeros(length.size, LIMB_STATE)
@@ -233,6 +253,7 @@ def _limbs_at(rig: Rig, plant: PlantConfig, tension: float) -> _Limbs:
     # In pre-tightening the motor winds in, so it stands half the backlash ahead of the pulley.
     state["motor_position"] = 0.5 * parameters["backlash"]
     return _Limbs(
+        matrix=matrix,
         parameters=parameters,
         state=state,
         rest=length - stretch,
@@ -242,14 +263,16 @@ def _limbs_at(rig: Rig, plant: PlantConfig, tension: float) -> _Limbs:
     )
 
 
-def _sensors(card: CardConfig, plant: PlantConfig, samples: int, seed: int) -> _Sensors:
+def _sensors(
+    card: CardConfig, plant: PlantConfig, samples: int, seed: int, error: FloatArray
+) -> _Sensors:
     random = np.random.default_rng(seed)
     config = plant.sensors
     noise = config.gauge_noise * random.standard_normal((samples, 6))
     bias = random.uniform(-config.gauge_bias, config.gauge_bias, 6)
     return _Sensors(
         card.platform_matrix,
-        np.asarray(np.linalg.inv(card.platform_matrix), dtype=np.float64),
+        np.asarray(np.linalg.solve(card.platform_matrix, error), dtype=np.float64),
         bias,
         noise,
         card.counts_per_metre,
