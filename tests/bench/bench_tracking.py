@@ -18,7 +18,8 @@ import numpy as np
 from record import write_figures
 
 from cabols_control.geometry import RigGeometry
-from cabols_control.load_programs.preview import as_given, shape_program
+from cabols_control.load_programs.motor_demand import fastest_preview
+from cabols_control.load_programs.preview import as_given
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import Rig, load_rig
 from cabols_hw.card.config import CardConfig, load_card
@@ -129,7 +130,8 @@ class Setup:
 def run(setup: Setup, case: Case, preview: bool, seed: int | None) -> dict[str, float]:
     """Errors of one run; seed None: plant and rig agree."""
     rig, program = setup.rig, case.program()
-    shaped = shape_program(program, rig.control) if preview else as_given(program)
+    place = (rig.geometry.reference_position, rig.geometry.reference_rotation)
+    shaped = fastest_preview(program, rig, *place) if preview else as_given(program)
     reference = shaped.reference.sample(np.arange(0.0, shaped.duration, PERIOD_S))
     rest = np.zeros((round(SETTLE_S / PERIOD_S), 6))
     plant, mismatch = setup.plant, None

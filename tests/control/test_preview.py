@@ -9,6 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cabols_control.load_programs.feasibility import check_shaped
+from cabols_control.load_programs.motor_demand import (
+    CURRENT_SHARE,
+    fastest_preview,
+    motor_current,
+)
 from cabols_control.load_programs.preview import (
     PERIOD_S,
     as_given,
@@ -18,6 +23,9 @@ from cabols_control.load_programs.preview import (
 from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import rig_file
+from cabols_hw.card.config import load_card
+from cabols_sim.plant.closed_loop import simulate
+from cabols_sim.plant.config import load_plant
 
 
 @pytest.fixture(scope="module", params=["", "control_fast.yaml"], ids=["published", "fast"])
@@ -91,6 +99,32 @@ def test_bandwidth_is_at_least_what_is_stated():
     middle = smoothed.wrench[smoothed.time.size // 3 : -smoothed.time.size // 3, 0]
     assert np.abs(middle).max() == pytest.approx(1.0 / np.sqrt(2.0), abs=0.01)
     assert 0.05 < smoothed_rise_time(rig.control) < 0.35 / frequency * 1.1
+
+
+def test_smoothing_is_the_least_that_the_motors_bear():
+    """Steps need 5 Hz; a slow sine is not smoothed more than it must be."""
+    rig = load_rig()
+    place = (rig.geometry.reference_position, rig.geometry.reference_rotation)
+    assert fastest_preview(load_program("steps"), rig, *place).bandwidth < 6.0
+    slow = fastest_preview(load_program("sines"), rig, *place)
+    assert slow.bandwidth > 15.0
+    for shaped in (slow, fastest_preview(load_program("steps").scaled(0.3), rig, *place)):
+        current = np.abs(motor_current(rig, shaped.smoothed, *place)).max()
+        assert current <= CURRENT_SHARE * rig.control.current_limit
+
+
+@pytest.mark.parametrize("name", ["steps", "sines"])
+def test_current_is_that_of_the_plant_without_friction(name):
+    """The compiled loop's largest current, against the prediction from the smoothed wrench."""
+    rig, plant = load_rig(), load_plant().linear()
+    place = (rig.geometry.reference_position, rig.geometry.reference_rotation)
+    shaped = fastest_preview(load_program(name), rig, *place)
+    rest = np.zeros((1500, 6))
+    trace = simulate(rig, load_card(), plant, np.vstack([rest, shaped.reference.wrench]))
+    predicted = np.abs(motor_current(rig, shaped.smoothed, *place)).max()
+    measured = np.abs(trace.current[1500:]).max()
+    assert measured <= 1.15 * predicted
+    assert (trace.status[1500:] == 0).all()
 
 
 def test_preview_that_the_cables_cannot_give_is_refused_though_the_programme_is_feasible():

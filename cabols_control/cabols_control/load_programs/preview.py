@@ -84,7 +84,10 @@ def smoothed_rise_time(design: ControlConfig) -> float:
 
 
 def shape_program(
-    program: LoadProgram, design: ControlConfig, held_s: float = 0.0
+    program: LoadProgram,
+    design: ControlConfig,
+    held_s: float = 0.0,
+    bandwidth: float | None = None,
 ) -> ShapedProgram:
     """Smooth a programme and divide it by the designed response.
 
@@ -93,11 +96,12 @@ def shape_program(
         design: poles and zero of the wrench's response, bandwidth of the smoothing, delay of the
             loop beside the design.
         held_s: for how long the wrench law holds each value of the reference [s].
+        bandwidth: -3 dB of the smoothing in place of the design's [Hz].
 
     Returns:
         Smoothed programme and reference, a point per millisecond.
     """
-    width = BOX_BANDWIDTH / design.preview_bandwidth
+    width = BOX_BANDWIDTH / (bandwidth or design.preview_bandwidth)
     # An odd number of points, so that windows are centred; not more than the bandwidth permits.
     box = max(2 * int(0.5 * (width / PERIOD_S - 1.0)) + 1, 3)
     half = BOXES * (box - 1) // 2

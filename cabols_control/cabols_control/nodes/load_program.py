@@ -14,9 +14,11 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
+from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_control.load_programs.feasibility import ProgramCheck, check_shaped
-from cabols_control.load_programs.preview import ShapedProgram, as_given, shape_program
+from cabols_control.load_programs.motor_demand import fastest_preview
+from cabols_control.load_programs.preview import ShapedProgram, as_given
 from cabols_control.load_programs.programs import load_program
 from cabols_control.result_code import ResultCode
 from cabols_control.ros import topics
@@ -30,6 +32,7 @@ from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 
+Place = tuple[FloatArray, FloatArray]
 FEEDBACK_S = 0.2
 STOP_S = 8.0
 """Longest time from the programme's end to STOPPED [s]."""
@@ -57,7 +60,9 @@ class LoadProgramNode(ControlNode):
         self._preview = declare_row(self, CONTROL_NODES.argument("preview"))
         rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
         self._held_s = 0.0 if self.paced else 1.0 / rate
-        self._first = self._shape(name, scale) if name else None
+        geometry = self.rig.geometry
+        self._reference: Place = (geometry.reference_position, geometry.reference_rotation)
+        self._first = self._shape(name, scale, self._reference) if name else None
         layout = topics.wrench_layout(self.rig.geometry.base_frame)
         self._record = layout.record()
         self._output = self.advertise("desired_wrench")
@@ -68,9 +73,8 @@ class LoadProgramNode(ControlNode):
         # The slow copy: nothing here needs the pose at the control rate.
         poses = topics.pose_layout(self.rig.geometry)
         self._pose = Input(self, live_name("platform_pose"), poses)
-        geometry = self.rig.geometry
-        place = (geometry.reference_position, geometry.reference_rotation)
-        check_shaped(self.rig, self._shape("ramps"), *place)  # compile now, not under load
+        place = self._reference
+        check_shaped(self.rig, self._shape("ramps", 1.0, place), *place)  # compile now
         self._lock = threading.Lock()
         self._running: ShapedProgram | None = None
         self._began_s = 0.0
@@ -99,8 +103,8 @@ class LoadProgramNode(ControlNode):
             callback_group=ReentrantCallbackGroup(),
         )
 
-    def _shape(self, name: str, scale: float = 1.0) -> ShapedProgram:
-        """Load a programme, as it will be followed.
+    def _shape(self, name: str, scale: float, place: Place) -> ShapedProgram:
+        """Load a programme, as it will be followed at a pose.
 
         Raises:
             CabolsError: if it cannot be used.
@@ -108,7 +112,7 @@ class LoadProgramNode(ControlNode):
         program = load_program(name).scaled(scale or 1.0)
         if not self._preview:
             return as_given(program)
-        return shape_program(program, self.rig.control, self._held_s)
+        return fastest_preview(program, self.rig, *place, self._held_s)
 
     def begin(self) -> None:
         """Start publishing."""
@@ -221,7 +225,17 @@ class LoadProgramNode(ControlNode):
         Raises:
             CabolsError: if the programme cannot be used, or no pose arrives.
         """
-        program = self._shape(name, scale)
+        load_program(name)
+        place = self._pose_now()
+        return check_shaped(self.rig, self._shape(name, scale, place), *place)
+
+    def _pose_now(self) -> Place:
+        """Platform's present position and rotation.
+
+        Raises:
+            NoPoseError: if no pose arrives.
+            CabolsError: if it is none.
+        """
         self._pose.take()
         record, age_ns = self._pose.record, time.monotonic_ns() - self._pose.received_ns
         if record is None or not 1e-9 * age_ns <= POSE_AGE_S:
@@ -229,7 +243,7 @@ class LoadProgramNode(ControlNode):
         pose = read_pose(np.array(record["pose"]))
         if pose is None:
             raise CabolsError(f"platform_pose: expected a pose, got {record['pose']}")
-        return check_shaped(self.rig, program, *pose)
+        return pose
 
     def _check(self, request: Any, response: Any) -> Any:
         try:
@@ -274,7 +288,12 @@ class LoadProgramNode(ControlNode):
 
     async def _execute(self, handle: Any) -> Any:
         request = handle.request
-        program = self._shape(request.program, request.scale)
+        try:
+            place = self._pose_now()
+        except CabolsError:
+            # Without a robot's bridge the platform is where the drawing has it.
+            place = self._reference
+        program = self._shape(request.program, request.scale, place)
         with self._lock:
             self._start(program)
         feedback = RunProgram.Feedback(duration=program.duration)
