@@ -97,6 +97,18 @@ def geometry_design(f: Figures) -> Iterable[Row]:
         yield f"feasible volume of the {name}", f"{volume} m³", "", None
 
 
+def tracking(f: Figures) -> Iterable[Row]:
+    """Rows of bench-tracking."""
+    for name, case in ((n, c) for n, c in f.items() if n != "run"):
+        for how in ("feedback", "preview", "preview, mismatch"):
+            found = case[how]["sensor"]
+            judged = how == "preview, mismatch"
+            worst = f", worst {number(found['max'])}" if judged else ""
+            limit = f"at most {case['target']:g}" if judged else ""
+            what = f"{name}: {how}, rms against the command [N or N m]"
+            yield what, number(found["median"]) + worst, limit, case["met"] if judged else None
+
+
 def simulation(f: Figures) -> Iterable[Row]:
     """Rows of bench-simulation."""
     spread = f"{f['times_real_time_min']:.0f} to {f['times_real_time_max']:.0f}"
@@ -264,6 +276,12 @@ BLOCKS = (
         "bench/geometry_design.json",
         "`make design-geometry`: attachment points, checked by linear programmes",
         geometry_design,
+    ),
+    Block(
+        "tracking",
+        "bench/tracking.json",
+        "`make bench-tracking`: error against the command, compiled loop, full plant",
+        tracking,
     ),
     Block(
         "simulation",
