@@ -113,14 +113,12 @@ bench-design: setup  ## count the loads that an optimal stiffness campaign saves
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_design.py $(ARGS)
 
-<<<<<<< HEAD
 bench-campaign: setup  ## 20 seeds of a five-configuration campaign: errors, coverage (hours; goes on where it was)
 	@$(BIN)/python tests/bench/bench_campaign.py $(ARGS)
-=======
+
 bench-tracking: setup  ## errors against the command: feedback and preview, as designed and with a mismatch
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_tracking.py $(ARGS)
->>>>>>> f5a6983 (Benchmark of the error against the command: feedback, preview, wrong rigs)
 
 bench-registration: setup  ## compare the reflectors' registration with its covariance
 	@mkdir -p build/bench

@@ -229,7 +229,8 @@ def _fit(per_volt: FloatArray, measured: FloatArray, turned: FloatArray) -> _Fit
     if rank == UNKNOWNS:
         variance = float(left @ left) / max(left.size - UNKNOWNS, 1)
         inverse = np.linalg.inv(design.T @ design / np.outer(size, size)) / np.outer(size, size)
-        deviation = float(np.sqrt(variance * np.diag(inverse)[6]))
+        _, (of_mass, *_) = np.split(np.diag(inverse), [bias.size])
+        deviation = float(np.sqrt(variance * of_mass))
     centre = np.array(moment) / mass if mass != 0.0 else np.full(3, np.inf)
     shares = _shares(per_volt, measured, left.reshape(-1, 6)) if left.size else np.zeros(6)
     worst = int(np.argmax(shares))

@@ -32,7 +32,7 @@ def require_usable(result: StiffnessResult, robot: RobotModel) -> None:
     if origin is not None and not _same(origin, robot):
         raise UnusableResultError(
             f"result: expected one of the robot {robot.name!r}, got one of {origin.robot!r} "
-            f"(joints {', '.join(origin.joint_names) or 'not named'}) with other kinematics; "
+            f"(its joints: {', '.join(origin.joint_names) or 'not named'}) with other kinematics; "
             "identify this robot, or give the URDF that the result was identified with"
         )
     if not result.converged:
