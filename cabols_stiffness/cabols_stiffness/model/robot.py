@@ -285,8 +285,8 @@ def load_robot(
                 f"{source}: expected {tool_frame!r} behind the last joint, got one behind {got}"
             )
         raise ConfigError(
-            f"{source}: expected a chain of {least} revolute joints or more, got those named {got}; "
-            "make the others fixed"
+            f"{source}: expected a chain of {least} revolute joints or more, got {got}; make "
+            "the others fixed"
         )
     robot = RobotModel(
         name=arm.name,
