@@ -75,7 +75,14 @@ class AbbRobot:
         interrupted: Callable[[], str],
         poll_s: float = 0.1,
     ) -> None:
-        """Move to a stored configuration; see Robot."""
+        """Move to a stored configuration; see Robot.
+
+        Args:
+            index: of the configuration.
+            timeout_s: for the whole motion [s].
+            interrupted: called every poll_s; a reason, to stop for it, or an empty string.
+            poll_s: its period [s].
+        """
         self._mover.move(index, timeout_s, interrupted, poll_s)
 
     def stop(self) -> None:

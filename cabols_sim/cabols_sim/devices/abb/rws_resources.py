@@ -68,7 +68,13 @@ class RwsResources:
         return [known[path]]
 
     def post(self, path: str, action: str, form: dict[str, str]) -> None:
-        """Act; Refusal if that is not possible now, or ever."""
+        """Act; Refusal if that is not possible now, or ever.
+
+        Args:
+            path: of the request.
+            action: what to do with it.
+            form: content of the request.
+        """
         program = self._program
         if program.operation_mode != "AUTO":
             raise Refusal(403, REJECTED, "operation not allowed in manual mode")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import ssl
+import sys
 import threading
 from collections.abc import Callable
 from enum import IntEnum
@@ -62,12 +63,26 @@ class Version(Protocol):
         """Value of WWW-Authenticate."""
 
     def allows(self, method: str, path: str, header: str) -> bool:
-        """Whether a request may be answered."""
+        """Whether a request may be answered.
+
+        Args:
+            method: of it.
+            path: of it.
+            header: its Authorization.
+        """
 
     def act(
         self, method: str, path: str, query: dict[str, str], body: str, headers: Any
     ) -> tuple[int, Any, dict[str, str]]:
-        """Answer a request: status, content, further headers."""
+        """Answer a request: status, content, further headers.
+
+        Args:
+            method: GET or POST.
+            path: without the query.
+            query: of the path.
+            body: content of a POST.
+            headers: of the request.
+        """
 
 
 class Rws1:
@@ -188,6 +203,11 @@ def _handler(version: Version, server: RwsServer) -> type[BaseHTTPRequestHandler
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a client that has gone; it may have stopped waiting."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
 
 
 class RwsServer:
