@@ -107,7 +107,9 @@ class RigGeometry:
 
 
 @config_dataclass(frozen=True, config=STRICT)
-class _GeometryFile:
+class GeometryFile:
+    """Content of a geometry file; see load_geometry."""
+
     reference_pose: Frame
     base_points: list[list[float]]
     platform_points: list[list[float]]
@@ -132,7 +134,19 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
         ConfigError: if the file cannot be used; the message names file, key and reason.
     """
     source = Path(path) if path is not None else rig_file("geometry.yaml")
-    content = load_config(_GeometryFile, source)
+    return geometry_of(load_config(GeometryFile, source), source)
+
+
+def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
+    """Return the geometry that a file's content describes, checked.
+
+    Args:
+        content: of the file.
+        source: its path, for messages.
+
+    Raises:
+        ConfigError: if it cannot be used; the message names file, key and reason.
+    """
     try:
         geometry = RigGeometry(
             base_points=_rows("base_points", content.base_points),

@@ -20,13 +20,11 @@ def run_map(tmp_path, name, *words):
     return workspace(["map", "--geometry", geometry, *words, *SMALL, str(tmp_path / "out")])
 
 
-@fails_today(18, "refused, as the bench has eight limbs")
 @pytest.mark.parametrize("name", ["robocrane", "segesta10"])
 def test_robots_of_six_and_ten_cables_are_mapped(tmp_path, name):
     assert run_map(tmp_path, name, "--no-bodies") == 0
 
 
-@fails_today(18, "tension limits are capped at 1 and 10 kN")
 @pytest.mark.parametrize(("name", "low", "high"), [("fast", 12e4, 12e5), ("cablesim", 1e3, 14e3)])
 def test_robots_of_large_tensions_are_mapped(tmp_path, name, low, high):
     control = read_yaml(rig_file("control.yaml"))
@@ -36,7 +34,6 @@ def test_robots_of_large_tensions_are_mapped(tmp_path, name, low, high):
     assert run_map(tmp_path, name, "--control", str(file), "--no-bodies") == 0
 
 
-@fails_today(18, "the bench's platform is tested on another robot without a word")
 def test_bodies_of_another_rig_are_not_used_silently(tmp_path, capsys):
     code = run_map(tmp_path, "cogiro")
     said = capsys.readouterr()

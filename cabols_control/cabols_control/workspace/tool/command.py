@@ -21,11 +21,12 @@ from cabols_control.command_line import DONE, CommandParser, command, rig_option
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
 from cabols_control.output_folder import output_folder
-from cabols_control.rig import load_rig
+from cabols_control.rig_folder import find_rig
 from cabols_control.workspace.bodies import Bodies, interference_task, load_bodies
 from cabols_control.workspace.capacity import capacity_along, capacity_task
 from cabols_control.workspace.grid import PoseGrid, WorkspaceMap, box_grid, tilts
 from cabols_control.workspace.interference import clearance_along, free_turn
+from cabols_control.workspace.robot import Robot, load_robot
 from cabols_control.workspace.surface import Mesh
 from cabols_control.workspace.wrench_set import WrenchSet, wrench_box, wrench_polytope
 
@@ -34,6 +35,7 @@ from .design_command import add_design, run_design
 from .workers import LOCAL, workers
 
 TURN_POINTS = 13
+BENCH_HALF_WIDTHS = (0.6, 0.5, 0.5)
 MESHES = {
     "closed": "wrench-closed",
     "feasible": "wrench-feasible",
@@ -45,7 +47,7 @@ MESHES = {
 def rig_options(parser: argparse.ArgumentParser) -> None:
     """Options that every subcommand takes."""
     rig_option(parser)
-    parser.add_argument("--geometry", type=Path, help="YAML; default: the rig's")
+    parser.add_argument("--geometry", type=Path, help="YAML of another robot; default: the rig's")
     parser.add_argument("--control", type=Path, help="YAML with the tension limits")
     parser.add_argument("--bodies", type=Path, help="YAML of platform and target")
     parser.add_argument("--no-bodies", action="store_true", help="leave interference out")
@@ -90,8 +92,24 @@ def required_wrenches(options: argparse.Namespace) -> WrenchSet:
     return wrench_polytope(table)
 
 
-def _bodies(options: argparse.Namespace) -> Bodies | None:
-    return None if options.no_bodies else load_bodies(options.rig, options.bodies)
+def _robot(options: argparse.Namespace) -> Robot:
+    """Read the robot and say what was not of it."""
+    robot = load_robot(options.rig, options.geometry, options.control)
+    for note in robot.notes:
+        print(f"note: {note}")
+    return robot
+
+
+def _bodies(options: argparse.Namespace, robot: Robot) -> Bodies | None:
+    if options.no_bodies:
+        return None
+    if not (robot.own_bodies or options.bodies):
+        rig = find_rig(options.rig)
+        print(
+            f"note: platform and target are those of the rig {rig.name}; for others: "
+            "--bodies FILE, or --no-bodies"
+        )
+    return load_bodies(options.rig, options.bodies)
 
 
 def _progress(start_s: float) -> Callable[[int, int], None]:
@@ -140,11 +158,16 @@ def map_figures(
 
 def run_map(options: argparse.Namespace) -> None:
     """Map the workspace and leave table, meshes, figures."""
-    rig = load_rig(options.rig, geometry=options.geometry, control=options.control)
-    geometry, bodies = rig.geometry, _bodies(options)
+    robot = _robot(options)
+    geometry, bodies = robot.geometry, _bodies(options, robot)
+    if options.half_widths is None:
+        options.half_widths = (
+            robot.half_widths() if options.geometry or options.rig else BENCH_HALF_WIDTHS
+        )
     required = required_wrenches(options)
-    limits = (rig.control.tension_min, rig.control.tension_max)
-    task = capacity_task(geometry, *limits, required, options.platform_axes)
+    limits = (robot.tension_min, robot.tension_max)
+    axes = options.platform_axes
+    task = capacity_task(geometry, *limits, required, axes, robot.weights, robot.platform)
     touching = None if bodies is None else interference_task(geometry, bodies)
     free_above = 0.0 if bodies is None else bodies.clearance
     grid = _grid(options, geometry)
@@ -159,7 +182,7 @@ def run_map(options: argparse.Namespace) -> None:
         seconds = time.monotonic() - start
         solids = found.solids()
         summary = map_figures(found, solids, seconds, pool.description)
-        _leave_map(found, solids, summary, rig.geometry, options)
+        _leave_map(found, solids, summary, geometry, options)
         if bodies is not None:
             _map_turns(geometry, bodies, options)
         folder.finish()
@@ -211,20 +234,22 @@ def _turn(
 
 def run_trajectory(options: argparse.Namespace) -> None:
     """Margins along a trajectory: table and figure."""
-    rig = load_rig(options.rig, geometry=options.geometry, control=options.control)
-    bodies = _bodies(options)
+    robot = _robot(options)
+    bodies = _bodies(options, robot)
     positions, rotations = files.read_poses(options.poses)
-    limits = (rig.control.tension_min, rig.control.tension_max)
     capacity = capacity_along(
-        rig.geometry,
+        robot.geometry,
         positions,
         rotations,
-        *limits,
+        robot.tension_min,
+        robot.tension_max,
         required_wrenches(options),
         options.platform_axes,
+        robot.weights,
+        robot.platform,
     )
     clearance = clearance_along(
-        rig.geometry, bodies or Bodies(0.0, 0.0, 0.05, 0.05), positions, rotations
+        robot.geometry, bodies or Bodies(0.0, 0.0, 0.05, 0.05), positions, rotations
     )
     free_above = bodies.clearance if bodies else 0.0
     columns = files.MAP_COLUMNS[len(files.POSE_COLUMNS) : -1]
@@ -255,9 +280,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--half-widths",
         type=float,
         nargs=3,
-        default=[0.6, 0.5, 0.5],
         metavar=("X", "Y", "Z"),
-        help="of the grid round the reference position [m]",
+        help="of the grid round the reference position [m] (default: 0.6 0.5 0.5, for another "
+        "rig or robot a third of the frame's sides)",
     )
     mapping.add_argument(
         "--counts",

@@ -38,6 +38,10 @@ def _draw_rig(axes: Any, geometry: RigGeometry) -> None:
     axes.scatter(*held.T, color=LIMIT, s=6)
 
 
+FLATTEST = 0.1
+"""Least side of a drawing in space, of its largest."""
+
+
 def _draw_mesh(axes: Any, mesh: Mesh, colour: str) -> None:
     corners = mesh.vertices[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -49,8 +53,10 @@ def _draw_mesh(axes: Any, mesh: Mesh, colour: str) -> None:
 
 
 def _equal(axes: Any, points: FloatArray) -> None:
-    """Give the axes one scale, and limits that hold all the points (k, 3)."""
+    """Give the axes one scale, and limits that hold all the points (k, 3), flat ones included."""
     low, high = points.min(axis=0), points.max(axis=0)
+    room = np.maximum(FLATTEST * (high - low).max() - (high - low), 0.0) / 2.0
+    low, high = low - room, high + room
     for axis, name in enumerate("xyz"):
         getattr(axes, f"set_{name}lim")(low[axis], high[axis])
         getattr(axes, f"set_{name}label")(f"{name} [m]")
@@ -66,7 +72,7 @@ def draw_solids(
     rows = -(-len(solids) // 3)
     columns = -(-len(solids) // rows)
     figure = Figure(figsize=(4.2 * columns, 4.2 * rows + 0.4), layout="constrained")
-    points = np.vstack([rig.base_points for rig in rigs])
+    points = np.vstack([[*rig.base_points, rig.reference_position] for rig in rigs])
     for k, (geometry, (name, mesh)) in enumerate(zip(rigs, solids, strict=True)):
         axes: Any = figure.add_subplot(rows, columns, k + 1, projection="3d")
         if len(mesh.faces):
