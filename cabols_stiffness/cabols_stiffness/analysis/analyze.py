@@ -23,6 +23,9 @@ from cabols_stiffness.measurements.measured_load import to_cells
 from cabols_stiffness.model.result import MODELS
 from cabols_stiffness.model.result_file import write_result
 
+TABLES = (".csv", ".tsv")
+"""Files that are a laboratory's own table."""
+
 
 @command
 def main(words: Sequence[str] | None = None) -> int:
@@ -34,6 +37,11 @@ def main(words: Sequence[str] | None = None) -> int:
         raise UsageError(
             f"{options.source}: expected a campaign's folder or a bag, got nothing there; "
             "check the path"
+        )
+    if options.source.suffix.lower() in TABLES:
+        raise UsageError(
+            f"{options.source}: expected a campaign's folder or a bag, got a table; use "
+            "`cabols-stiffness identify TABLE`, which has options for its robot and tool"
         )
     with _claimed(place) as folder:
         source = read_source(options.source, options.campaign, options.geometry or None, _say)

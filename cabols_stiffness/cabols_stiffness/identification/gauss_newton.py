@@ -47,6 +47,10 @@ class IdentificationError(CabolsError):
     """The samples cannot be used for an identification."""
 
 
+class OutliersError(IdentificationError):
+    """More samples than a few do not fit the others."""
+
+
 @dataclass(frozen=True, eq=False)
 class Parameters:
     """Of the joints: compliance (6,) [rad/(N m)], cubic (6,) [N m/rad^3], friction (6,) [N m]."""
@@ -162,7 +166,7 @@ def fit(
     for _ in range(5):
         use = _inliers(found.distances, m)
         if not use.mean() >= 1.0 - TOO_MANY:
-            raise IdentificationError(
+            raise OutliersError(
                 f"samples: expected at most {100 * TOO_MANY:.0f} % outliers, got {(~use).sum()} of "
                 f"{k}; check units, axes and signs of wrench and deflection"
             )

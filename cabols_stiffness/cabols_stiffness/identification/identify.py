@@ -25,10 +25,12 @@ from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.identification.adequacy.judge import judge
 from cabols_stiffness.identification.adequacy.normal import RandomEffects
+from cabols_stiffness.identification.adequacy.wrong_data import wrong_data
 from cabols_stiffness.identification.gauss_newton import (
     Fitted,
     IdentificationError,
     Model,
+    OutliersError,
     Parameters,
     fit,
 )
@@ -90,9 +92,15 @@ def identify(
     """
     usable = usable_rows(samples)
     observations = Observations(usable.samples, robot)
-    found, estimated, result = estimate(
-        observations, model, start=start, robust=robust, hysteresis=hysteresis
-    )
+    try:
+        found, estimated, result = estimate(
+            observations, model, start=start, robust=robust, hysteresis=hysteresis
+        )
+    except OutliersError as error:
+        causes = [one.text for one in wrong_data(usable.samples, robot)]
+        if not causes:
+            raise
+        raise OutliersError(f"{error}; {'; '.join(causes)}") from error
     if model != AS_PUBLISHED and judged:
         opinion = judge(observations, found, estimated)
         verdict = replace(opinion.verdict, missing=usable.missing, repeated=usable.repeated)

@@ -14,6 +14,7 @@ import pytest
 
 import independent_arm as arm
 from cabols_stiffness import identify
+from cabols_stiffness.measurements.samples import select
 
 QUIET = {"position_m": 5e-6, "force_n": 0.05, "torque_nm": 0.005}
 
@@ -45,3 +46,22 @@ def test_constant_stiffness_is_covered(table):
 
 def test_stiffness_that_differs_is_covered(table):
     assert np.all(covers(pooled(table), table.mean(axis=0)))
+
+
+def test_noise_alone_scatters_joint_1_most_and_joint_6_least(table):
+    """The table has the reverse order: its scatter at joint 6 is no noise."""
+    rng, chain = np.random.default_rng(21), arm.Chain()
+    Q, W = arm.configurations(rng, 10), arm.loads(rng, 4)
+    columns = arm.truth(Q, W, lambda i, q, w: chain.settle(q, w, table.mean(axis=0)))
+    samples = arm.noisy(columns, np.random.default_rng(2))
+    each = [
+        identify(select(samples, samples.configuration == i), arm.robot(), judged=False)
+        for i in range(10)
+    ]
+    single = np.array([result.parameters[:6] for result in each])
+    noise = single.std(axis=0, ddof=1) / single.mean(axis=0)
+    scatter = table.std(axis=0, ddof=1) / table.mean(axis=0)
+    assert noise.argmax() == 0
+    assert noise.argmin() == 5
+    assert scatter.argmax() == 5
+    assert scatter[5] > 4.0 * noise[5]

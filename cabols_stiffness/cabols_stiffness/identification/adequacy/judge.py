@@ -19,6 +19,7 @@ from cabols_stiffness.identification.adequacy.normal import (
 )
 from cabols_stiffness.identification.adequacy.suspects import suspects
 from cabols_stiffness.identification.adequacy.texts import text_of
+from cabols_stiffness.identification.adequacy.wrong_data import wrong_data
 from cabols_stiffness.identification.gauss_newton import Fitted, Model
 from cabols_stiffness.identification.observations import Observations, whiten
 from cabols_stiffness.model.verdict import Finding, Grade, Suspect, Verdict
@@ -105,6 +106,8 @@ def judge(observations: Observations, found: Fitted, model: Model) -> Judged:
                 False,
             )
         )
+    if grave_misfit(found):
+        findings += wrong_data(observations.samples, observations.robot)
     findings.sort(key=lambda one: (not one.grave, one.probability, -one.improvement))
     explained, by_axis, share_of_joint = _explained(base, residual, found, n)
     grade = Grade.SCATTERED if between is not None else Grade.GOOD
@@ -130,6 +133,16 @@ def judge(observations: Observations, found: Fitted, model: Model) -> Judged:
         ),
         between,
     )
+
+
+def grave_misfit(found: Fitted) -> bool:
+    """Whether a wrong sign, unit, frame or order is worth looking for.
+
+    Args:
+        found: a fit.
+    """
+    rms = float(np.sqrt(found.chi_square / max(found.freedom, 1)))
+    return not rms <= FAR_TOO_LARGE
 
 
 def _named(

@@ -1,0 +1,1 @@
+"""A laboratory's own table of loads and deflections, without a rig and without ROS."""

@@ -1,0 +1,111 @@
+"""Columns of a table by their headers: what they hold, and in which unit."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from cabols_control.errors import CabolsError
+
+LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
+ANGLE = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": np.pi / 180.0, "°": np.pi / 180.0}
+FORCE = {"n": 1.0, "kn": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605}
+TORQUE = {"nm": 1.0, "nmm": 1e-3, "knm": 1e3}
+KIND = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "torque": TORQUE}
+PLAIN = {"": 1.0}
+
+NAMES = {
+    "configuration": ("config", "configuration", "pose", "conf", "configuration_index"),
+    "load": ("load", "load_index", "step"),
+    "reflector": ("reflector", "reflector_index", "target"),
+    "group": ("group", "pass"),
+    "branch": ("branch", "direction"),
+    "time": ("time", "t", "time_s"),
+    **{f"f{a}": (f"f{a}", f"force_{a}") for a in "xyz"},
+    **{f"m{a}": (f"m{a}", f"t{a}", f"torque_{a}", f"moment_{a}") for a in "xyz"},
+    **{f"d{a}": (f"d{a}", f"delta_{a}", f"displacement_{a}") for a in "xyz"},
+    **{f"r{a}": (f"r{a}", f"rotation_{a}", f"dr{a}") for a in "xyz"},
+    **{f"p{a}": (f"p{a}", a, f"position_{a}") for a in "xyz"},
+    "distance": ("distance", "length", "bar"),
+}
+KINDS = {
+    **{f"f{a}": ("force",) for a in "xyz"},
+    **{f"m{a}": ("torque",) for a in "xyz"},
+    **{f"d{a}": ("length",) for a in "xyz"},
+    **{f"p{a}": ("length",) for a in "xyz"},
+    **{f"r{a}": ("angle",) for a in "xyz"},
+    "distance": ("length",),
+}
+"""Kinds of unit that a column may have; joints: angle or length; others have none."""
+
+JOINT = re.compile(r"(?:q|j|joint|theta|axis|a)_?(\d+)$")
+
+
+class TableError(CabolsError):
+    """A table that cannot be used: the message says what was expected and what came."""
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """Of one column.
+
+    Attributes:
+        role: configuration, load, q1 to qn, fx to mz, dx to dz, rx to rz, px to pz, distance.
+        factor: from its unit to SI.
+    """
+
+    role: str
+    factor: float
+
+
+def meaning(header: str, unit: str = "") -> Meaning | None:
+    """What a header says: `fx_N`, `Mx [N mm]`, `q1 (deg)`; None if it is none of the known names.
+
+    Args:
+        header: of the column.
+        unit: given elsewhere; empty: the header must name it.
+
+    Raises:
+        TableError: if the unit is missing or of another kind.
+    """
+    text = header.strip()
+    found = re.match(r"^(.*?)\s*[\[(]\s*(.*?)\s*[\])]\s*$", text)
+    name, written = (found.group(1), found.group(2)) if found else _split(text)
+    role = _role(name)
+    if role is None:
+        return None
+    kinds = ("angle", "length") if JOINT.match(role) else KINDS.get(role, ())
+    if not kinds:
+        return Meaning(role, 1.0)
+    known = {word: factor for kind in kinds for word, factor in KIND[kind].items()}
+    word = re.sub(r"[\s*·._]", "", (unit or written)).lower()
+    if word not in known:
+        raise TableError(
+            f"column {header!r}: expected a unit of {', '.join(known)} in its header, as in "
+            f"'{name}_{next(iter(known))}', or in the mapping, got {word or 'none'}"
+        )
+    return Meaning(role, known[word])
+
+
+def _split(text: str) -> tuple[str, str]:
+    """Name and unit of `name_unit`; a unit of two parts, N_m, too."""
+    units = {word for table in KIND.values() for word in table}
+    parts = text.split("_")
+    for count in (2, 1):
+        last = "".join(parts[-count:]).lower()
+        if len(parts) > count and last in units and _role("_".join(parts[:-count])) is not None:
+            return "_".join(parts[:-count]), last
+    return text, ""
+
+
+def _role(name: str) -> str | None:
+    word = name.strip().lower().replace(" ", "_").replace("-", "_")
+    joint = JOINT.match(word)
+    if joint:
+        return f"q{int(joint.group(1))}"
+    for role, names in NAMES.items():
+        if word in names:
+            return role
+    return None

@@ -1,0 +1,107 @@
+"""A laboratory's table against robots that are none of the project's code."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import independent_arm as arm
+from cabols_control.errors import CabolsError
+from cabols_stiffness import load_robot
+from cabols_stiffness.identification.identify import identify
+from cabols_stiffness.model.result_file import read_result
+from cabols_stiffness.table.command import main
+from cabols_stiffness.table.laboratory import Stated, to_samples
+from cabols_stiffness.table.reading import read_table
+from cabols_stiffness.table.units import TableError, meaning
+
+LAB = Path(__file__).parent.parent / "cases" / "stiffness" / "lab.csv"
+OPTIONS = ["--tool", "0", "0", "0.15", "--reflector", "0", "0.1", "0.05", "--deviation-um", "21"]
+
+
+def test_command_identifies_the_laboratorys_robot(tmp_path, capsys):
+    assert main(["identify", str(LAB), *OPTIONS, "--output", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().out.startswith("verdict: good")
+    found = read_result(tmp_path / "out" / "result.yaml")
+    error = np.abs(found.stiffness - arm.STIFFNESS)
+    assert np.all(error < 3.0 * found.standard_deviation)
+    assert found.adequate
+    assert found.origin.joint_names == tuple(f"joint_{j}" for j in range(1, 7))
+
+
+def test_wrong_sign_is_refused_and_named(tmp_path, capsys):
+    rows = list(csv.DictReader(LAB.open(encoding="utf-8")))
+    for row in rows:
+        for name in ("Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm"):
+            row[name] = str(-float(row[name]))
+    path = tmp_path / "reversed.csv"
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    assert main(["identify", str(path), *OPTIONS, "--output", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr()
+    assert "sign of the wrench" in said.out + said.err
+    assert "95 %" not in said.out
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "role", "factor"),
+    [
+        ("Fx_N", "", "fx", 1.0),
+        ("Mx [N mm]", "", "mx", 1e-3),
+        ("Tz_Nmm", "", "mz", 1e-3),
+        ("torque_x (N m)", "", "mx", 1.0),
+        ("q3_deg", "", "q3", np.pi / 180.0),
+        ("joint_1 [mm]", "", "q1", 1e-3),
+        ("dx", "mm", "dx", 1e-3),
+        ("rz_mrad", "", "rz", 1e-3),
+        ("config", "", "configuration", 1.0),
+    ],
+)
+def test_headers_say_what_and_in_which_unit(header, unit, role, factor):
+    found = meaning(header, unit)
+    assert (found.role, found.factor) == (role, factor)
+
+
+@pytest.mark.parametrize("header", ["Fx", "dx_N", "Mx_mm", "q1_N"])
+def test_missing_or_wrong_unit_is_refused(header):
+    with pytest.raises(TableError, match="expected a unit"):
+        meaning(header)
+
+
+def test_rows_without_a_load_are_skipped_and_empty_cells_not_measured(tmp_path):
+    lines = LAB.read_text(encoding="utf-8").splitlines()
+    cells = lines[3].split(",")
+    cells[8] = ""
+    lines[3] = ",".join(cells)
+    cells = lines[5].split(",")
+    cells[-1] = "nan"
+    lines[5] = ",".join(cells)
+    path = tmp_path / "holes.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    table = read_table(path, 6)
+    assert table.skipped == (4,)
+    stated = Stated(reflector=(0.0, 0.1, 0.05), position_m=21e-6)
+    robot = load_robot(tool_position=arm.TOOL_POSITION)
+    found = identify(to_samples(table, robot, stated), robot)
+    assert found.adequate
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("q1_deg,q2_deg\n1,2\n", "q1 to q6"),
+        (",".join(f"q{j}_deg" for j in range(1, 8)) + "\n" + "1," * 6 + "1\n", "got also q7"),
+        (",".join(f"q{j}_deg" for j in range(1, 7)) + "\n" + "1," * 5 + "1\n", "wrench"),
+        ("q1_deg\n", "got 1 lines"),
+    ],
+)
+def test_tables_that_cannot_be_used_are_refused(tmp_path, text, said):
+    path = tmp_path / "loads.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(CabolsError, match=said):
+        read_table(path, 6)
