@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
 
-from cabols_control.checks import FloatArray, in_range
-from cabols_control.configuration import STRICT, load_config
-from cabols_control.errors import ConfigError
+from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.configuration import STRICT, load_config, read_yaml
+from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.gains import WrenchGains, wrench_gains
 from cabols_control.geometry import MIN_CABLES, RigGeometry, load_geometry
 from cabols_control.kinematics import cable_lengths
@@ -23,6 +23,8 @@ from cabols_control.tension import check_method
 
 MOTOR_CURRENT_MAX_A = 3.82
 """Largest current of the source's motors (section 3.5) [A]; no configured limit may exceed it."""
+PLANNED_SHARE = 0.97
+"""Share of the envelope's limits that a load may use: steps overshoot by 1 to 2 %."""
 
 
 @config_dataclass(frozen=True, config=STRICT)
@@ -128,12 +130,26 @@ class ControlConfig:
 
 
 @dataclass(frozen=True, eq=False)
+class EnvelopeLimits:
+    """Limits at which the bridge takes over, for those who plan a load; see docs/safety.md.
+
+    Attributes:
+        tension_max: of a cable [N].
+        wrench_max: (6,) of the sensor, platform axes [N, N m].
+    """
+
+    tension_max: float
+    wrench_max: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Rig:
-    """Geometry, limbs and control design of one rig."""
+    """Geometry, limbs and control design of one rig; with its safety envelope where it has one."""
 
     geometry: RigGeometry
     limbs: LimbsConfig
     control: ControlConfig
+    envelope: EnvelopeLimits | None = None
 
     def __post_init__(self) -> None:
         """Check that all files describe the same number of cables."""
@@ -149,12 +165,36 @@ class Rig:
         """Tension of a pre-tightened or unloaded limb: safely above its switch's [N]."""
         return 1.3 * self.limbs.switch_tension
 
+    @property
+    def plannable(self) -> EnvelopeLimits:
+        """What a load may ask for, so that neither overshoot nor noise meets the envelope."""
+        tension, wrench = self.control.tension_max, self.control.rated
+        if self.envelope is not None:
+            tension = min(tension, PLANNED_SHARE * self.envelope.tension_max)
+            wrench = np.minimum(wrench, PLANNED_SHARE * self.envelope.wrench_max)
+        return EnvelopeLimits(tension, wrench)
+
     @cached_property
     def gains(self) -> WrenchGains:
         """Gains of both loops by (3.24), (3.25)."""
         return wrench_gains(
             self.limbs.models, self.limbs.stiffness, self.control.poles, self.control.zero
         )
+
+
+def _envelope(folder: RigFolder) -> EnvelopeLimits | None:
+    """Read from safety.yaml what a load must respect; its other keys are the bridge's."""
+    if not folder.has("safety.yaml"):
+        return None
+    content = read_yaml(folder.file("safety.yaml"))
+    tension, wrench = content.get("tension_max", 145.0), content.get("wrench_max", [])
+    try:
+        return EnvelopeLimits(
+            in_range("tension_max", tension, 1e-3, 1e6),
+            finite_array("wrench_max", wrench, (6,)),
+        )
+    except (CabolsError, TypeError, ValueError) as error:
+        raise ConfigError(f"{folder.file('safety.yaml')}: {error}") from error
 
 
 def load_rig(
@@ -179,6 +219,7 @@ def load_rig(
         load_geometry(rig_file("geometry.yaml", geometry, folder)),
         load_config(LimbsConfig, rig_file("limbs.yaml", limbs, folder)),
         load_config(ControlConfig, rig_file("control.yaml", control, folder)),
+        _envelope(folder),
     )
     shape, control_design = found.geometry, found.control
     check_limbs(

@@ -25,7 +25,7 @@ class ProgramCheck:
         tension: (k, n) least-norm tensions at the programme's points; of the nearest feasible
             wrench where the requested one is not [N].
         reached: (k,) bool, the cables give the wrench within their limits.
-        rated: (k,) bool, it is within the sensor's range.
+        rated: (k,) bool, it is within the sensor's range and the safety envelope.
         missed: (k,) distance to the nearest feasible wrench, torque counted as force at the
             platform's radius [N].
     """
@@ -66,7 +66,10 @@ class ProgramCheck:
                 f"{self.missed[self.worst]:.0f} N"
             )
         asked = np.array2string(self.program.wrench[self.worst], precision=1)
-        return f"{name}: beyond the sensor's range at {time_s:g} s: {asked} N, N m"
+        return (
+            f"{name}: beyond the sensor's range or the safety envelope at {time_s:g} s: "
+            f"{asked} N, N m"
+        )
 
     def preview(self) -> IntArray:
         """Indices of at most about PREVIEW_POINTS points, the worst among them."""
@@ -80,13 +83,16 @@ class ProgramCheck:
 def check_program(
     rig: Rig, program: LoadProgram, position: FloatArray, rotation: FloatArray
 ) -> ProgramCheck:
-    """Compare a programme with the tension limits and the sensor's range at one pose.
+    """Compare a programme with the limits at which the bridge would end it, at one pose.
+
+    They are those of control, the sensor's range and the safety envelope, with a margin for
+    overshoot and noise (Rig.plannable).
 
     The wrenches that tensions within limits give form a convex set: between two points that are
     feasible, the straight line is feasible too, so the points decide about the whole programme.
 
     Args:
-        rig: geometry, tension limits, rated wrench.
+        rig: geometry, limits.
         program: to check.
         position: (3,) platform's origin in the base frame [m].
         rotation: (3, 3) from platform to base axes.
@@ -98,7 +104,8 @@ def check_program(
         ShapeError: if the pose has another shape or is not finite.
     """
     matrix = structure_matrix(rig.geometry, position, rotation)
-    resolver = TensionResolver(matrix, rig.control.tension_min, rig.control.tension_max)
+    limits = rig.plannable
+    resolver = TensionResolver(matrix, rig.control.tension_min, limits.tension_max)
     tension, status = resolver.solve_batch(program.wrench)
     residual = tension @ matrix.T - program.wrench
     # The sensor turns with the platform: its ranges are along the platform's axes.
@@ -107,7 +114,7 @@ def check_program(
         program=program,
         tension=tension,
         reached=status == FEASIBLE,
-        rated=np.array((np.abs(local) <= rig.control.rated).all(axis=1)),
+        rated=np.array((np.abs(local) <= limits.wrench_max).all(axis=1)),
         missed=np.linalg.norm(residual * np.asarray(DEFAULT_WEIGHTS), axis=1),
     )
 

@@ -19,6 +19,8 @@ from cabols_control.wrench_control.law import WrenchLaw
 from cabols_control.wrench_control.tension_setpoint import DesiredTension, TensionReference
 
 LONGEST_STEP_S = 0.010
+REASONABLE = 10.0
+"""Desired wrench in rated ones beyond which it is a mistake, not a load."""
 MAX_BAD_SAMPLES = 5
 """Most unusable wrench samples in a row before the load is given up."""
 
@@ -29,6 +31,17 @@ class DesiredWrench:
 
     stamp_s: float
     wrench: FloatArray
+
+
+@njit(cache=True)
+def _take_into(wrench: FloatArray, most: FloatArray, desired: FloatArray) -> bool:
+    """Copy a wrench (6,) to desired (6,) unless a component is larger than most (6,), or NaN."""
+    for k in range(6):
+        if not abs(wrench[k]) <= most[k]:
+            return False
+    for k in range(6):
+        desired[k] = wrench[k]
+    return True
 
 
 @njit(cache=True)
@@ -67,6 +80,7 @@ class WrenchController:
         self._matrix = np.zeros((6, n))
         # Own copies of the pose: read-only arrays would need other compiled code.
         self._position, self._rotation = np.zeros(3), np.eye(3)
+        self._reasonable = REASONABLE * rig.control.rated
         self._unload_step = np.repeat(control.unload_rates, 3)
         self._desired_timeout = control.desired_timeout
         self._tensions = TensionReference(rig)
@@ -214,8 +228,13 @@ class WrenchController:
     def _follow(self, stamp_s: float, dt_s: float, setpoint: DesiredWrench | None) -> None:
         """Set the desired wrench in force; a stale one is ramped to zero at the unload rate."""
         if setpoint is not None and abs(stamp_s - setpoint.stamp_s) <= self._desired_timeout:
-            self.desired[:] = setpoint.wrench
             self.notice = None
+            if not _take_into(setpoint.wrench, self._reasonable, self.desired):
+                self.notice = Fault(
+                    FaultName.DESIRED,
+                    f"desired_wrench: expected at most {REASONABLE:g} times the rated wrench, got "
+                    f"{np.asarray(setpoint.wrench).tolist()}; the one before stays in force",
+                )
             return
         if setpoint is not None and self.desired.any():
             self.notice = Fault(

@@ -11,8 +11,29 @@ from cabols_control.configuration import STRICT, load_config, within
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import RigFolder, rig_file
 
-Positive = Annotated[float, within(1e-4, 1e6)]
-Large = Annotated[float, within(1e-6, 1e6)]
+Force = Annotated[float, within(1e-3, 2e4)]
+Torque = Annotated[float, within(1e-6, 1e4)]
+Length = Annotated[float, within(1e-4, 10.0)]
+Way = Annotated[float, within(1e-4, 1e3)]
+Speed = Annotated[float, within(1e-4, 20.0)]
+Angle = Annotated[float, within(1e-4, 3.2)]
+Turning = Annotated[float, within(1e-4, 20.0)]
+Current = Annotated[float, within(1e-4, 100.0)]
+Time = Annotated[float, within(1e-4, 10.0)]
+"""Ranges in which a limit still limits: no rig like this one, however large, needs more."""
+
+
+SMALLER = (
+    ("cable_tension", "tension_max"),
+    ("pretension_force", "tension_max"),
+    ("estimate_force", "tension_max"),
+    ("search_speed", "cable_speed"),
+    ("speed_loaded", "speed_free"),
+    ("rotation_speed_loaded", "rotation_speed_free"),
+    ("rotation_jump", "rotation_range"),
+    ("encoder_jump", "cable_speed"),
+)
+"""Pairs of limits of which the first must not be larger than the second."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -54,41 +75,48 @@ class SafetyConfig:
         relief_time: longest time for FREE_MOVING to remove an overload that it found [s].
     """
 
-    wrench_max: list[Large]
-    position_range: list[Large]
-    tension_max: Positive = 145.0
-    cable_speed: Positive = 2.0
-    search_speed: Positive = 0.2
-    search_length: Positive = 0.06
-    current_saturated: Positive = 0.1
-    estimate_force: Positive = 30.0
-    estimate_torque: Positive = 5.0
-    estimate_time: Positive = 0.05
-    rotation_range: Positive = 0.7
-    speed_loaded: Positive = 0.02
-    speed_free: Positive = 0.25
-    rotation_speed_loaded: Positive = 0.05
-    rotation_speed_free: Positive = 1.0
-    pose_age: Positive = 0.1
-    pose_jump: Positive = 0.01
-    rotation_jump: Positive = 0.02
-    state_age: Positive = 0.02
-    cable_tension: Positive = 12.0
-    cable_time: Positive = 0.01
-    switch_payout: Positive = 0.1
-    pretension_force: Positive = 40.0
-    encoder_jump: Positive = 0.5
-    motion_current: Positive = 0.3
-    motion_time: Positive = 0.03
-    sensor_flat: Annotated[float, within(0.0, 1e3)] = 0.2
-    relief_time: Positive = 3.0
+    wrench_max: list[Force]
+    position_range: list[Way]
+    tension_max: Force = 145.0
+    cable_speed: Speed = 2.0
+    search_speed: Speed = 0.2
+    search_length: Length = 0.06
+    current_saturated: Time = 0.1
+    estimate_force: Force = 30.0
+    estimate_torque: Torque = 5.0
+    estimate_time: Time = 0.05
+    rotation_range: Angle = 0.7
+    speed_loaded: Speed = 0.02
+    speed_free: Speed = 0.25
+    rotation_speed_loaded: Turning = 0.05
+    rotation_speed_free: Turning = 1.0
+    pose_age: Time = 0.1
+    pose_jump: Length = 0.01
+    rotation_jump: Angle = 0.02
+    state_age: Time = 0.02
+    cable_tension: Force = 12.0
+    cable_time: Time = 0.01
+    switch_payout: Length = 0.1
+    pretension_force: Force = 40.0
+    encoder_jump: Speed = 0.5
+    motion_current: Current = 0.3
+    motion_time: Time = 0.03
+    sensor_flat: Annotated[float, within(0.0, 10.0)] = 0.2
+    relief_time: Time = 3.0
 
     def __post_init__(self) -> None:
-        """Check lengths."""
+        """Check lengths, and the limits against each other."""
         for name, count in (("wrench_max", 6), ("position_range", 3)):
             values = getattr(self, name)
             if len(values) != count:
                 raise ConfigError(f"{name}: expected {count} values, got {len(values)}")
+        for smaller, larger in SMALLER:
+            small, large = getattr(self, smaller), getattr(self, larger)
+            if not small <= large:
+                raise ConfigError(
+                    f"{smaller}: expected at most {larger}, {large:g}, got {small:g}; a limit that "
+                    "another one always meets first protects nothing"
+                )
 
 
 def load_safety(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> SafetyConfig:

@@ -148,7 +148,7 @@ def _rule_of(
         return Rule.TENSION.value
     if fast:
         return Rule.CABLE_SPEED.value
-    searched = bound + ahead > most["search_length"] * most["stiffness"]
+    searched = bound + ahead > min(most["search_length"] * most["stiffness"], most["tension_max"])
     if searched and winds and not (zeroed or closed or own["proven"]):
         return Rule.SEARCH.value
     if own["cable_s"] > most["cable_time"]:

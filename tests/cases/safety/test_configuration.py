@@ -10,7 +10,7 @@ from cabols_control.configuration import load_config
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import rig_file
 from cabols_hw.safety.config import SafetyConfig
-from cases import fails_today, outcome
+from cases import outcome
 
 TEXT = rig_file("safety.yaml").read_text("utf-8")
 LONGEST_MESSAGE = 2000
@@ -32,11 +32,31 @@ def load(tmp_path, text):
     return outcome(lambda: load_config(SafetyConfig, path))
 
 
-@fails_today(13, "a limit of a million newtons is taken")
 def test_limit_without_reason_is_refused(tmp_path):
     text = re.sub(r"(?m)^tension_max:\s*\S+", "tension_max: 1000000.0", TEXT)
     assert text != TEXT
     assert isinstance(load(tmp_path, text), ConfigError)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("tension_max", "1e5"),
+        ("tension_max", "10.0"),
+        ("speed_loaded", "0.3"),
+        ("cable_speed", "100.0"),
+        ("pose_age", "60.0"),
+        ("motion_time", "1e3"),
+        ("rotation_range", "7.0"),
+        ("search_length", "50.0"),
+    ],
+)
+def test_limit_that_protects_nothing_is_refused(tmp_path, name, value):
+    text = re.sub(rf"(?m)^{name}:\s*\S+", f"{name}: {value}", TEXT)
+    assert text != TEXT
+    error = load(tmp_path, text)
+    assert isinstance(error, ConfigError)
+    assert name in str(error)
 
 
 def test_key_that_is_there_twice_is_refused(tmp_path):

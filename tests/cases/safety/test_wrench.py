@@ -17,7 +17,6 @@ from cabols_control.wrench_control.controller import DesiredWrench, WrenchContro
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.guard import BridgeGuard
-from cases import fails_today
 
 NEAR_LIMIT = np.array([-104.8, 113.4, 71.1, 4.6, 0.4, 8.5])
 """Needs 148.8 N in one cable: within control's 150 N, beyond the envelope's 145 N [N, N m]."""
@@ -57,8 +56,7 @@ def tensions_after(rig, big_n):
     return np.array(tension), controller.fault
 
 
-@fails_today(13, "all cables stay at 1 N for the rest of LOADING, without a fault")
-@pytest.mark.parametrize("big_n", [1e160])
+@pytest.mark.parametrize("big_n", [3e3, 1e8, 1e160])
 def test_wrench_beyond_reason_is_refused_or_forgotten(rig, big_n):
     expected, _ = tensions_after(rig, 0.0)
     found, fault = tensions_after(rig, big_n)
@@ -66,7 +64,6 @@ def test_wrench_beyond_reason_is_refused_or_forgotten(rig, big_n):
         np.testing.assert_allclose(found, expected, atol=1.0)
 
 
-@fails_today(13, "the check says feasible, the run trips at 145 N")
 def test_programme_that_is_feasible_does_not_trip(rig, make_rig):
     geometry = rig.geometry
     pose = geometry.reference_position, geometry.reference_rotation
