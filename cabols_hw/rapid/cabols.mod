@@ -9,14 +9,18 @@ MODULE cabols
     ! 3. Set mass and centre of gravity in tCabols: what hangs on the flange, without cables.
     !    Position and orientation are the platform's frame in the flange's; they and the
     !    configurations below are those of robot.yaml: change both.
-    ! 4. Drive through all configurations in manual mode, cables off.
+    ! 4. Load cabols_watch.mod into a task of its own, as it says: without the rig's heartbeat
+    !    this program moves nothing.
+    ! 5. Drive through all configurations in manual mode, cables off.
     ! The rig reads and writes the four PERS below over Robot Web Services, and starts and stops
     ! this program; it never moves the robot through EGM.
 
     PERS num cabols_target := 0;        ! configuration to move to, from 0
     PERS bool cabols_go := FALSE;       ! set by the rig; taken back here when the motion begins
     PERS bool cabols_done := TRUE;      ! TRUE: stands at cabols_target
-    PERS num cabols_error := 0;         ! 0 none, 1 no such configuration, 2 motion failed
+    PERS num cabols_error := 0;         ! 0 none, 1 no such configuration, 2 motion failed,
+                                        ! 3 stopped, or not begun: the rig's heartbeat is silent
+    PERS bool cabols_rig_well := FALSE; ! of cabols_watch.mod: the rig's heartbeat comes
 
     PERS tooldata tCabols := [TRUE, [[0.0004575, -0.0004222, 150.0002274], [0.576953543031, 0.265485764515, -0.491354073763, -0.595997560582]],
         [5, [0, 0, 100], [1, 0, 0, 0], 0, 0, 0]];
@@ -39,12 +43,15 @@ MODULE cabols
         [[93.6528, 38.7684, -16.0938, 14.7678, -48.9371, -3.7677], [9E9, 9E9, 9E9, 9E9, 9E9, 9E9]],
         [[90.5791, 32.4210, -2.9692, 11.9137, -49.6709, 3.1008], [9E9, 9E9, 9E9, 9E9, 9E9, 9E9]]];
 
+    LOCAL VAR intnum intSilent;
+    LOCAL VAR errnum ERR_SILENT := -1;
     LOCAL VAR egmident egmCabols;
     LOCAL CONST pose poseZero := [[0, 0, 0], [1, 0, 0, 0]];
 
     PROC main()
         ! A demand from before a stop must not move the robot: the rig asks anew.
         cabols_go := FALSE;
+        BookErrNo ERR_SILENT;
         cabols_setup;
         ! The rig sets -1 before it starts the program, and waits for this.
         cabols_error := 0;
@@ -73,15 +80,41 @@ MODULE cabols
             cabols_error := 1;
             RETURN;
         ENDIF
+        IDelete intSilent;
+        CONNECT intSilent WITH trapSilent;
+        IPers cabols_rig_well, intSilent;
+        ! After the interrupt is on, so that no silence is missed.
+        IF NOT cabols_rig_well THEN
+            IDelete intSilent;
+            cabols_error := 3;
+            RETURN;
+        ENDIF
         ! fine: the next instruction runs when the robot stands. RAPID counts from 1.
         MoveAbsJ cabols_configuration{cabols_target + 1} \NoEOffs, vCabols, fine, tCabols \WObj:=wobj0;
         WaitRob \ZeroSpeed;
+        IDelete intSilent;
         cabols_done := TRUE;
     ERROR
+        IDelete intSilent;
+        IF ERRNO = ERR_SILENT THEN
+            ! The trap has stopped the robot and cleared its path: only a new demand moves it.
+            cabols_error := 3;
+            RETURN;
+        ENDIF
         cabols_error := 2;
         StopMove;
         ClearPath;
         StartMove;
         RETURN;
     ENDPROC
+
+    TRAP trapSilent
+        ! IPers comes with each change; a heartbeat that comes back stops nothing.
+        IF NOT cabols_rig_well THEN
+            StopMove \Quick;
+            ClearPath;
+            StartMove;
+            RAISE ERR_SILENT;
+        ENDIF
+    ENDTRAP
 ENDMODULE

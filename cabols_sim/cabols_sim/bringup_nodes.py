@@ -39,7 +39,7 @@ DEVICES = NodeSpec(
     (),
     (),
     role=Role.SIMULATION,
-    takes=("rig", "fifo_priority", "cpu", "seed"),
+    takes=("rig", "fifo_priority", "cpu", "seed", "robot_watch"),
     fifo_below=2,
 )
 ARGUMENTS = (
@@ -54,6 +54,14 @@ ARGUMENTS = (
     ),
     Argument("robot", True, "simulate robot and tracker; false: a rigid target", kinds=("bench",)),
     Argument("robot_file", "", "YAML of the robot's truth; empty: the rig's", kinds=("bench",)),
+    Argument(
+        "robot_watch",
+        0.1,
+        "silence of the rig's heartbeat after which the simulated robot stops by itself",
+        kinds=("bench",),
+        bounds=(0.02, 10.0),
+        unit="s",
+    ),
     Argument("truth", False, "publish what no sensor sees", kinds=("bench",)),
     Argument("lockstep", False, "deterministic: the clock waits for answers", kinds=("bench",)),
     Argument(
@@ -67,6 +75,9 @@ ARGUMENTS = (
 NODES = PackageNodes((PLANT, DEVICES), ARGUMENTS)
 
 
+LOCKSTEP_WATCH_S = 5.0
+
+
 @dataclass(frozen=True)
 class Ports:
     """Ports of the simulated devices, all on loopback.
@@ -76,12 +87,14 @@ class Ports:
         egm: UDP, the robot's position stream.
         rws: TCP, Robot Web Services.
         tracker: TCP, the laser tracker.
+        watch: TCP, the rig's heartbeat to the robot.
     """
 
     link: int = 6520
     egm: int = 6510
     rws: int = 6580
     tracker: int = 6590
+    watch: int = 6512
 
 
 def bench_graph(
@@ -110,7 +123,7 @@ def bench_graph(
             waits for the supervisor, whose operator time-out then cannot run.
     """
     nodes = answering(record, campaign, console and (robot or not lockstep))
-    nodes += _devices(ports or Ports()) if robot else [PLANT]
+    nodes += _devices(ports or Ports(), lockstep) if robot else [PLANT]
     if robot:
         nodes = [with_robot(node) for node in nodes]
     if not lockstep:
@@ -138,8 +151,10 @@ def _beside_clock(node: NodeSpec) -> NodeSpec:
     return replace(node, reads=reads).with_parameters(beside_clock=True)
 
 
-def _devices(ports: Ports) -> list[NodeSpec]:
+def _devices(ports: Ports, lockstep: bool) -> list[NodeSpec]:
     """Robot and tracker as servers, the bridge that talks to them, the plant that moves them."""
+    # A lockstep rig's time stands still while a process stalls, the heartbeat's does not.
+    patience = {"robot_watch": LOCKSTEP_WATCH_S} if lockstep else {}
     servers = replace(
         DEVICES,
         options={
@@ -147,12 +162,15 @@ def _devices(ports: Ports) -> list[NodeSpec]:
             "egm-port": ports.egm,
             "rws-port": ports.rws,
             "tracker-port": ports.tracker,
+            "watch-port": ports.watch,
+            **patience,
         },
     )
     bridges = [
         node.with_parameters(
             egm_port=ports.egm,
             rws_port=ports.rws,
+            heartbeat_port=ports.watch,
             tracker_address=f"127.0.0.1:{ports.tracker}",
             robot_clock=True,
         )

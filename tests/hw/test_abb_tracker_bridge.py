@@ -79,6 +79,7 @@ def test_bridge_publishes_moves_refuses_and_reports_silence():
             environment,
             egm_port=port,
             rws_port=controller.rws.port,
+            heartbeat_port=0,
             stale_after=1.0,
             robot_clock="true",
         )

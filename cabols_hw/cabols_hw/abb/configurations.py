@@ -23,12 +23,16 @@ class RobotConfigurations:
     Attributes:
         tool_position: (3,) of the platform's origin, in the flange's axes [m].
         tool_quaternion: (4,) w x y z, from platform to flange axes (ABB's tooldata order).
+        speed: of the platform's origin in a motion, as in the RAPID program [m/s].
+        brake: how long the robot takes from the decision to stop to standstill [s].
         configurations: joint angles of each configuration, by index from 0 [deg].
     """
 
     tool_position: list[float]
     tool_quaternion: list[float]
     configurations: list[list[float]]
+    speed: float = 0.06
+    brake: float = 0.3
 
     def __post_init__(self) -> None:
         """Check shapes, the quaternion's length and that the angles can be degrees."""
@@ -37,6 +41,8 @@ class RobotConfigurations:
         in_range("length of tool_quaternion", float(length), 1.0 - 1e-6, 1.0 + 1e-6)
         if not self.configurations:
             raise ConfigError("configurations: expected at least one, got none")
+        in_range("speed", self.speed, 1e-3, 0.25)
+        in_range("brake", self.brake, 0.0, 2.0)
         angles = finite_array("configurations", self.configurations, (None, 6))
         in_range("largest angle", float(np.abs(angles).max()), 0.0, 400.0)
 

@@ -23,6 +23,7 @@ VARIABLES = ("cabols_target", "cabols_go", "cabols_done", "cabols_error")
 REASONS = {
     1: "the RAPID program has no such configuration: are both files of the same version?",
     2: "the motion failed on the controller: read its event log",
+    3: "it stopped by itself, as the rig's heartbeat was silent",
 }
 
 

@@ -34,6 +34,7 @@ from cabols_hw.abb.robot import AbbAddress, AbbRobot
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.robot.interface import Robot
 from cabols_hw.ros.robot_stream import MOTORS_OFF, BaseFrame, RobotStream
+from cabols_hw.ros.robot_watch import RobotWatch
 from cabols_hw.ros.worker import Worker
 from cabols_hw.tracker.client import TrackerClient
 from cabols_hw.tracker.config import load_tracker_config
@@ -119,6 +120,8 @@ class AbbTrackerBridge(ControlNode):
         self._stream.on_fault = lambda: Worker(self._halt)
         self._stops = self._stream.stops = StopLatch(self, lambda: Worker(self._halt))
         self._robot_clock = robot_clock
+        self._watch = RobotWatch(self, address, speed, self._configurations)
+        self._stream.on_mode = self._watch.hear_mode
         return speed
 
     def _egm_sender(self, robot_address: str) -> str:
@@ -173,6 +176,7 @@ class AbbTrackerBridge(ControlNode):
     def begin(self) -> None:
         """Start publishing."""
         super().begin()
+        self._watch.start()
         self._stream.start()
 
     def end(self) -> None:
@@ -180,6 +184,7 @@ class AbbTrackerBridge(ControlNode):
         self._ending = True
         if self._motion is not None:
             self._motion.join(END_S)
+        self._watch.stop()
         self._stream.stop()
         self._robot.close()
         for server in self._servers:
@@ -234,7 +239,7 @@ class AbbTrackerBridge(ControlNode):
             return (
                 f"expected an index from 0 to {len(self._configurations) - 1}, got {request.index}"
             )
-        return self._forbidden()
+        return self._watch.unwatched() or self._forbidden()
 
     async def _move(self, handle: Any) -> Any:
         if self._motion is not None:
@@ -242,7 +247,7 @@ class AbbTrackerBridge(ControlNode):
             return MoveToConfiguration.Result(
                 message="a motion is under way", code=int(ResultCode.BUSY)
             )
-        code = ResultCode.UNKNOWN
+        code, began_in = ResultCode.UNKNOWN, self._stream.mode
 
         def interrupted() -> str:
             nonlocal code
@@ -250,6 +255,8 @@ class AbbTrackerBridge(ControlNode):
                 code = ResultCode.CANCELLED
                 return "cancelled"
             reason = "the node ends" if self._ending else self._forbidden()
+            if not reason and self._stream.mode != began_in == OperatingMode.FREE_MOVING:
+                reason = "the cables follow no longer: FREE_MOVING was left"
             code = ResultCode.INTERRUPTED if reason else code
             return reason
 

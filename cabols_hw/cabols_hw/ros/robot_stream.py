@@ -124,6 +124,7 @@ class RobotStream(GuardedThread):
         self.mode: OperatingMode | None = None
         self.stops: StopLatch | None = None
         self.on_fault: Callable[[], object] = lambda: None
+        self.on_mode: Callable[[OperatingMode], object] = lambda _: None
 
     def platform(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the newest pose: position (3,) [m], rotation (3, 3) to the rig's base axes."""
@@ -159,6 +160,7 @@ class RobotStream(GuardedThread):
         before, self.mode = self.mode, OperatingMode(int(self._mode_input.record["mode"]))
         if self.stops is not None and self.stops.fault is not None:
             self.stops.follow(self.mode, self._mode_input.record)
+        self.on_mode(self.mode)
         if self.mode == OperatingMode.FAULT and before not in (None, self.mode):
             self.on_fault()
 

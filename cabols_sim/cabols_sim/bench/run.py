@@ -14,6 +14,7 @@ from cabols_control.bringup.graph import with_arguments
 from cabols_control.bringup.processes import GRACE_S, Ended, run
 from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
 from cabols_control.realtime.scheduling import may_limit_wake_up, may_use_fifo
+from cabols_hw.abb.heartbeat import SILENCE_S
 from cabols_sim.bringup_nodes import Ports, bench_graph
 
 SAFE_DOMAINS = (1, 101)
@@ -39,7 +40,7 @@ def ports_of(domain: int) -> Ports:
     A domain has 250 ports, of which DDS needs the first few dozen.
     """
     first = 7400 + 250 * domain + 200
-    return Ports(first, first + 1, first + 2, first + 3)
+    return Ports(first, first + 1, first + 2, first + 3, first + 4)
 
 
 FIFO_PRIORITY = 50
@@ -74,6 +75,7 @@ def forgiving(speed: float = 1.0, stall_s: float = 0.1) -> dict[str, float]:
         # These two count on the computer's clock.
         "stale_after": 2.0 * stall_s / speed,
         "state_timeout": 5.0 * stall_s / speed,
+        "robot_watch": 5.0 * stall_s / speed,
     }
 
 
@@ -116,6 +118,7 @@ def run_bench(
         values.get("campaign", False),
         values.get("console", False),
     )
+    values = {"robot_watch": min(SILENCE_S / values.get("speed", 1.0), 10.0), **values}
     nodes = [_stand_in(node, stand_ins or {}) for node in with_arguments(graph, values)]
     nodes += tools
     with _on_core(values.get("other_cpu", -1)):

@@ -17,6 +17,7 @@ from cabols_control.command_line import CommandParser, command, existing_file, r
 from cabols_control.errors import CabolsError
 from cabols_control.realtime.scheduling import Scheduling, apply_scheduling
 from cabols_hw.abb.configurations import load_configurations
+from cabols_hw.abb.heartbeat import SILENCE_S
 from cabols_sim.devices.abb.controller import PASSWORD, USER, AbbController
 from cabols_sim.devices.abb.egm_server import DEFAULT_EGM_PORT
 from cabols_sim.devices.link import DEFAULT_LINK_PORT, DeviceLink
@@ -25,6 +26,7 @@ from cabols_sim.devices.tracker.config import TrackerTruthConfig, load_tracker_t
 from cabols_sim.devices.tracker.server import TrackerServer
 
 DEFAULT_RWS_PORT = 6580
+DEFAULT_WATCH_PORT = 6512
 DEFAULT_TRACKER_PORT = 6590
 
 
@@ -41,6 +43,8 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
         default="",
         help="PEM file with certificate and key, for https; empty: http",
     )
+    add("--watch-port", type=int, default=DEFAULT_WATCH_PORT, help="of the heartbeat; 0: any")
+    add("--robot_watch", type=float, default=SILENCE_S, help="s, silence that stops the robot")
     add("--tracker-port", type=int, default=DEFAULT_TRACKER_PORT, help="0: any")
     add("--no-tracker", action="store_true", help="robot only")
     rig_option(parser)
@@ -99,6 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             load_arm(options.rig),
             options.rws_version,
             str(options.rws_certificate),
+            options.watch_port,
+            options.robot_watch,
         )
         tracker = _tracker(link, options)
     except CabolsError as error:
@@ -107,6 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     link.start()
     controller.start()
     ports = {"link": options.link_port, "egm": options.egm_port, "rws": controller.rws.port}
+    if controller.watch is not None:
+        ports["watch"] = controller.watch.port
     if tracker is not None:
         ports["tracker"] = tracker.start()
     # Not before: the start takes a second of a core, which nodes that run already need.

@@ -6,9 +6,11 @@ import threading
 
 from cabols_control.serial_arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations
+from cabols_hw.abb.heartbeat import SILENCE_S
 from cabols_sim.devices.abb.egm_server import DEFAULT_EGM_PORT, EgmServer
 from cabols_sim.devices.abb.rapid import RapidProgram
 from cabols_sim.devices.abb.rws_server import RwsServer
+from cabols_sim.devices.abb.watch_server import WatchServer
 from cabols_sim.devices.link import DeviceLink
 from cabols_sim.devices.robot.kinematics import Arm
 
@@ -24,6 +26,7 @@ class AbbController:
         program: RAPID, motors, operation mode.
         egm: the position stream.
         rws: the HTTP server; its port is rws.port.
+        watch: of the rig's heartbeat; None without one.
     """
 
     def __init__(
@@ -38,6 +41,8 @@ class AbbController:
         serial: SerialArm | None = None,
         rws_version: int = 1,
         certificate: str = "",
+        watch_port: int | None = None,
+        silence_s: float = SILENCE_S,
     ) -> None:
         """Prepare; start() begins.
 
@@ -52,6 +57,8 @@ class AbbController:
             serial: the arm; None: the bench's.
             rws_version: of Robot Web Services, 1 (IRC5) or 2 (OmniCore).
             certificate: PEM file with certificate and key, for https; empty: http.
+            watch_port: where a heartbeat must come for the robot to move; 0: any; None: no watch.
+            silence_s: longest time between two beats [s].
 
         Raises:
             RwsServerError: if the port is taken.
@@ -65,12 +72,17 @@ class AbbController:
         )
         self.egm = EgmServer(self.program, tool, egm_port, seed=seed)
         self.rws = RwsServer(self.program, user, password, rws_port, rws_version, certificate)
+        self.watch: WatchServer | None = None
+        if watch_port is not None:
+            self.watch = WatchServer(self.program, watch_port, silence_s)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="abb", daemon=True)
 
     def start(self) -> None:
         """Begin to serve."""
         self.rws.start()
+        if self.watch is not None:
+            self.watch.start()
         self._thread.start()
 
     def stop(self) -> None:
@@ -78,6 +90,8 @@ class AbbController:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join(timeout=1.0)
+        if self.watch is not None:
+            self.watch.stop()
         self.rws.stop()
         self.egm.close()
 

@@ -10,6 +10,8 @@ from cabols_control.errors import CabolsError
 
 NO_CONFIGURATION = 1
 """Value of cabols_error for an unknown index."""
+RIG_SILENT = 3
+"""Value of cabols_error for a motion that stopped, or did not begin, without the heartbeat."""
 
 
 class RapidError(CabolsError):
@@ -62,6 +64,8 @@ class RapidProgram:
         self._command = 0
         self._issued = False
         self._emergency = False
+        # Without a watch nothing is known about the rig, and the program moves all the same.
+        self._rig_well = True
         self.operation_mode = operation_mode
         self.motors_on = True
         self.running = True
@@ -129,6 +133,15 @@ class RapidProgram:
                 self.stop()
             self.motors_on = on
 
+    def hear_rig(self, well: bool) -> None:
+        """Hear from the watch whether the rig's heartbeat comes; its end stops a motion."""
+        with self._lock:
+            self._rig_well = well
+            if not well and self._pointer == Pointer.MOVING:
+                self._mover.halt()
+                self._variables["cabols_error"] = float(RIG_SILENT)
+                self._pointer = Pointer.WAITING
+
     def step(self, truth: Any) -> None:
         """Let the program act on the newest DEVICE_TRUTH."""
         with self._lock:
@@ -156,6 +169,9 @@ class RapidProgram:
         wanted = self._variables["cabols_target"]
         if not (0.0 <= wanted < self._configurations and wanted == int(wanted)):
             self._variables["cabols_error"] = float(NO_CONFIGURATION)
+            return
+        if not self._rig_well:
+            self._variables["cabols_error"] = float(RIG_SILENT)
             return
         self._index = int(wanted)
         self._issued = False

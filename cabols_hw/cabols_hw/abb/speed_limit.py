@@ -1,0 +1,49 @@
+"""How fast the robot may move the platform while the cables' motors are held; pure.
+
+If everything of the rig dies at once, the gears hold and the robot goes on for the heartbeat's
+silence, then brakes. On that way each cable is stretched by at most the way itself, and the
+platform is pulled back by the cables' stiffness A k_e A^T.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cabols_control.checks import finite_array, in_range
+from cabols_control.kinematics import structure_matrix
+from cabols_control.rig import Rig
+from cabols_hw.abb.heartbeat import PERIOD_S, SILENCE_S
+
+FREE_N = 15.0
+"""Largest tension of a cable that follows a moving robot [N]."""
+
+
+def allowed_speed(
+    rig: Rig, tension_max: float, wrench_max: ArrayLike, sensor_limits: ArrayLike, brake_s: float
+) -> float:
+    """Return the highest speed of the platform's origin [m/s].
+
+    Args:
+        rig: its cables, at the reference pose.
+        tension_max: of a cable [N].
+        wrench_max: (6,) that the safety envelope allows [N, N m].
+        sensor_limits: (6,) range of the sensor [N, N m].
+        brake_s: how long the robot takes to stand once it stops [s].
+
+    Raises:
+        ShapeError, OutOfRangeError: if an argument cannot be used.
+    """
+    envelope = finite_array("wrench_max", wrench_max, (6,))
+    sensor = finite_array("sensor_limits", sensor_limits, (6,))
+    in_range("tension_max", tension_max, FREE_N, 1e6)
+    in_range("brake_s", brake_s, 0.0, 10.0)
+    geometry = rig.geometry
+    pose = geometry.reference_position, geometry.reference_rotation
+    directions = structure_matrix(geometry, *pose)[:3]
+    stiffness = float(rig.limbs.stiffness)
+    platform = stiffness * np.linalg.eigvalsh(directions @ directions.T).max()
+    held = np.linalg.norm(directions @ np.full(geometry.cables, FREE_N))
+    force = float(np.minimum(envelope[:3], sensor[:3]).min()) - held
+    way = min((tension_max - FREE_N) / stiffness, force / platform)
+    return float(max(way, 0.0) / (SILENCE_S + PERIOD_S + 0.5 * brake_s))

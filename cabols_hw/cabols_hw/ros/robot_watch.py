@@ -1,0 +1,111 @@
+"""The robot bridge's heartbeat: what the rig says of itself, and whether the robot listens."""
+
+from __future__ import annotations
+
+import time
+
+from cabols_msgs.msg import LoopStatus
+
+from cabols_control.errors import ConfigError
+from cabols_control.ros import topics
+from cabols_control.ros.live import live_name
+from cabols_control.ros.node import ControlNode
+from cabols_control.ros.parameters import declare_row
+from cabols_control.ros.qos import topic_qos
+from cabols_control.supervision.modes import OperatingMode
+from cabols_hw.abb.configurations import RobotConfigurations
+from cabols_hw.abb.heartbeat import Heartbeat, RigHealth
+from cabols_hw.abb.speed_limit import allowed_speed
+from cabols_hw.bringup_nodes import NODES as HW_NODES
+from cabols_hw.card.config import load_card
+from cabols_hw.safety.config import load_safety
+
+
+class RobotWatch:
+    """Beats while limb states and modes arrive and no node of the control path is in FAULT."""
+
+    def __init__(
+        self, node: ControlNode, address: str, speed: float, configurations: RobotConfigurations
+    ) -> None:
+        """Subscribe, and check the robot's speed.
+
+        Args:
+            node: of the robot's bridge.
+            address: of the robot's controller.
+            speed: of a simulated rig's time; 1 in real time.
+            configurations: of the robot.
+
+        Raises:
+            ConfigError: if the robot is too fast for a watch of this silence.
+        """
+        self._node = node
+        _check_speed(node, configurations)
+        port = declare_row(node, HW_NODES.argument("heartbeat_port"))
+        self._health = RigHealth(1.0 / speed)
+        self._heart = Heartbeat(address, port, self._trouble) if port else None
+        if node.lockstep or self._heart is None:
+            # A lockstep clock counts the readers of its topics; nothing is late there.
+            return
+        kind = topics.TYPES["limb_state"]
+        name = live_name("limb_state")
+        node.create_subscription(kind, name, self._hear_state, topic_qos(name), raw=True)
+        node.create_subscription(
+            LoopStatus, "loop_status", self._hear_report, topic_qos("loop_status")
+        )
+
+    def start(self) -> None:
+        """Begin to beat."""
+        if self._heart is None:
+            self._node.get_logger().warning("heartbeat_port is 0: the robot moves unwatched")
+        else:
+            self._heart.start()
+
+    def stop(self) -> None:
+        """End; a robot that moves stops."""
+        if self._heart is not None:
+            self._heart.stop()
+
+    def hear_mode(self, mode: OperatingMode) -> None:
+        """Note the rig's mode.
+
+        Args:
+            mode: newest.
+        """
+        self._health.hear_mode(time.monotonic(), mode)
+
+    def unwatched(self) -> str:
+        """Why the robot would not move for want of a heartbeat; empty if it would."""
+        if self._heart is None:
+            return ""
+        if not self._heart.connected:
+            return "the robot's watch does not answer: is cabols_watch.mod loaded, its port open?"
+        return self._trouble()
+
+    def _trouble(self) -> str:
+        return "" if self._node.lockstep else self._health.trouble(time.monotonic())
+
+    def _hear_state(self, raw: bytes) -> None:
+        del raw
+        self._health.hear_state(time.monotonic())
+
+    def _hear_report(self, message: LoopStatus) -> None:
+        if message.node != self._node.get_name():
+            in_fault = message.state == LoopStatus.FAULT
+            self._health.hear_report(time.monotonic(), message.node, in_fault)
+
+
+def _check_speed(node: ControlNode, configurations: RobotConfigurations) -> None:
+    safety, card = load_safety(node.rig_folder), load_card(node.rig_folder)
+    allowed = allowed_speed(
+        node.rig,
+        safety.tension_max,
+        safety.wrench_max,
+        card.sensor_limits,
+        configurations.brake,
+    )
+    if not configurations.speed <= allowed:
+        raise ConfigError(
+            f"speed of the robot: expected at most {1e3 * allowed:.0f} mm/s, at which it stands "
+            "before the held cables pull too hard once the rig has died, got "
+            f"{1e3 * configurations.speed:.0f} mm/s; lower it here and in cabols.mod"
+        )
