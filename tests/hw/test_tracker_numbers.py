@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cabols_hw.ros.tracker_messages import status_notes, warm_up_note
 from cabols_hw.tracker import tracker_pb2 as pb
 from cabols_hw.tracker.beam import predicted_covariance
 from cabols_hw.tracker.config import load_tracker_config
@@ -106,3 +107,14 @@ def test_measurement_of_another_time_is_refused(changes, asked, word):
 )
 def test_measurement_of_now_is_taken(changes, asked):
     assert time_fault(reply(**changes), asked, 1.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("drift_m", "word"), [(12e-6, "12 um"), (float("nan"), "1000000 um"), (-1.0, "1000000 um")]
+)
+def test_warm_up_is_told_with_its_drift(drift_m, word):
+    warm = pb.Status(warming_up=False, expected_drift_m=1e-6, on_time_s=9000.0)
+    cold = pb.Status(warming_up=True, expected_drift_m=drift_m, on_time_s=60.0)
+    assert warm_up_note(warm) is None
+    assert word in warm_up_note(cold).reason
+    assert status_notes(cold)["tracker_warming_up"] == 1

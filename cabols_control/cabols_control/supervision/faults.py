@@ -67,6 +67,8 @@ class FaultName(str, Enum):
     """The robot's motors are off: its brakes hold it, and not its joints' servo control."""
     ROBOT_PROGRAM = "robot_program"
     """RAPID is stopped; the robot stands under servo control."""
+    TRACKER_WARM_UP = "tracker_warm_up"
+    """The laser tracker warms up: its frame still drifts. Told beside the measurements."""
     # Found by the supervisor.
     PRETIGHTENING_TIME = "pretightening_time"
     UNLOADING_TIME = "unloading_time"

@@ -25,7 +25,6 @@ from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.stops import StopLatch
 from cabols_control.ros.threads.pause import pause
-from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
@@ -35,6 +34,7 @@ from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.robot.interface import Robot
 from cabols_hw.ros.robot_stream import MOTORS_OFF, BaseFrame, RobotStream
 from cabols_hw.ros.robot_watch import RobotWatch
+from cabols_hw.ros.tracker_messages import measurement_message, status_notes, warm_up_note
 from cabols_hw.ros.worker import Worker
 from cabols_hw.tracker.client import TrackerClient
 from cabols_hw.tracker.config import load_tracker_config
@@ -339,9 +339,16 @@ class AbbTrackerBridge(ControlNode):
         reading = self._tracker.measure(
             int(request.reflector), float(request.averaging_time), bool(request.search)
         )
+        self._note_status(self._tracker.newest_status)
         if reading.success:
             self._learn(int(request.reflector), reading.position)
         return reading
+
+    def _note_status(self, status: Any) -> None:
+        """Note the tracker's warm-up beside the measurements, in what is recorded."""
+        if status is not None:
+            self._stream.notes = status_notes(status)
+            self._stream.note = warm_up_note(status)
 
     def _nominal(self, reflector: int) -> np.ndarray:
         return self._tracker_config.expected(reflector, *self._stream.platform())
@@ -358,27 +365,10 @@ class AbbTrackerBridge(ControlNode):
 
     def _measurement_message(self, request: Any, worker: Worker) -> ReflectorMeasurement:
         reading = worker.result
-        message = ReflectorMeasurement(
-            reflector=request.reflector, averaging_time=request.averaging_time
-        )
         middle_ns = self._stream.now_ns() - round(0.5e9 * request.averaging_time)
         if self._robot_clock and reading is not None and reading.time_ns:
             middle_ns = int(reading.time_ns)
-        set_time(message.header.stamp, max(middle_ns, 0))
-        message.header.frame_id = self._tracker_frame
-        good = reading is not None and bool(reading.success)
-        position = np.asarray(reading.position) if good else np.full(3, np.nan)
-        covariance = np.asarray(reading.covariance) if good else np.full((3, 3), np.nan)
-        for axis, value in zip("xyz", position.tolist(), strict=True):
-            setattr(message.position, axis, value)
-        message.covariance = covariance.ravel().tolist()
-        message.success = good
-        if reading is not None:
-            message.rms, message.temperature = float(reading.rms), float(reading.temperature)
-            message.samples = int(reading.samples)
-        reason = worker.failure if reading is None else reading.reason
-        message.reason = "" if good else str(reason)
-        return message
+        return measurement_message(request, reading, worker.failure, middle_ns, self._tracker_frame)
 
 
 def _code_of(failure: Exception | None, interruption: ResultCode) -> ResultCode:

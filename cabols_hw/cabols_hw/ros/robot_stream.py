@@ -86,6 +86,8 @@ class RobotStream(GuardedThread):
         newest: newest sample; None before the first.
         stamp_ns: the time it was published with.
         mode: newest mode of the rig; None before the first.
+        notes: further numbers for /diagnostics, by name.
+        note: what is worth saying while all runs; loop_status is recorded.
     """
 
     def __init__(
@@ -119,6 +121,8 @@ class RobotStream(GuardedThread):
         self._pose_output = node.advertise_live("platform_pose")
         self._joint_output = node.advertise_live("joint_states")
         self._mode_input = ModeInput(node, node.status.sessions, node.lockstep)
+        self.notes: dict[str, int] = {}
+        self.note: Fault | None = None
         self.newest: EgmSample | None = None
         self.stamp_ns = 0
         self.mode: OperatingMode | None = None
@@ -182,6 +186,7 @@ class RobotStream(GuardedThread):
         status.lost = counter.lost
         status.late = 0 if self._node.lockstep else counter.late
         status.counted = {
+            **self.notes,
             "restarts": counter.restarts,
             "clock_steps": counter.clock_steps,
             "impossible_numbers": counter.impossible,
@@ -209,4 +214,5 @@ class RobotStream(GuardedThread):
             return FAULT, Fault(FaultName.STREAM_QUALITY, f"robot: {quality.trouble}")
         if not newest.motors_on:
             return FAULT, MOTORS_OFF
-        return RUNNING, refused or (None if newest.rapid_running else PROGRAM_STOPPED)
+        stopped = None if newest.rapid_running else PROGRAM_STOPPED
+        return RUNNING, refused or self.note or stopped

@@ -46,6 +46,8 @@ class TrackerError(CabolsError):
 class TrackerClient:
     """Aims a laser tracker at reflectors and measures them, one at a time.
 
+    After a measurement `newest_status` is the tracker's Status, None if its server has none.
+
     The answers report the beam's state; an exception means that the tracker's server itself
     failed. Calls may come from any thread; the tracker refuses a second one meanwhile.
     """
@@ -68,6 +70,7 @@ class TrackerClient:
         self.address = address if address is not None else self.config.address
         self._expected = expected
         self._before_ns = 0
+        self.newest_status: Any = None
         self._channel = grpc.insecure_channel(self.address, options=_OPTIONS)
         self._stub = LaserTrackerStub(self._channel)
 
@@ -189,6 +192,7 @@ class TrackerClient:
                 why = status.message or "no reason given"
                 return f"success, but the beam is lost ({why}): aim again, then measure again"
             clock_ns = int(status.time_ns)
+            self.newest_status = status
         asked = AskedFor(seconds, clock_ns, self._before_ns)
         fault = time_fault(reply, asked, self.config.time_stretch)
         self._before_ns = int(reply.time_ns)
