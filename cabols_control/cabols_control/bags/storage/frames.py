@@ -19,9 +19,8 @@ from cabols_control.bags.storage.records import (
     MESSAGE,
     RecordError,
     allowed,
-    attachment_of,
     channel_of,
-    metadata_of,
+    fills,
     schema_of,
 )
 from cabols_control.bags.storage.summary import FOOTER_SIZE, read_summary
@@ -46,7 +45,7 @@ class Frames:
         summary: at the file's end.
         chunked: whether a chunk has been found; kept by the caller.
         sizes: of the newest message record by channel; kept by the caller.
-        time_ns: of the newest message; kept by the caller.
+        times_ns: of the first message and of the newest; kept by the caller.
         mended: whether a chunk was taken although the frame around it is damaged.
     """
 
@@ -61,7 +60,7 @@ class Frames:
         self.summary = read_summary(self.read, self.size)
         self.chunked = False
         self.sizes: dict[int, int] = {}
-        self.time_ns: int | None = None
+        self.times_ns: tuple[int, ...] = ()
         self.mended = False
 
     def after_data(self, position: int) -> int:
@@ -102,7 +101,8 @@ class Frames:
         if end > self.size or not allowed(opcode, size):
             return None
         content = self.read(position + FRAME.size, size)
-        return (opcode, content, end) if inner or self._head_at(end) else None
+        good = inner or self._head_at(end) or fills(opcode, content)
+        return (opcode, content, end) if good else None
 
     def _odd_chunk(self, position: int, inner: int) -> tuple[int, bytes, int] | None:
         """Return a chunk whose frame is damaged but whose checksum holds."""
@@ -185,11 +185,9 @@ class Frames:
             return False
         content = self.read(position + FRAME.size, size)
         try:
-            if opcode == Opcode.ATTACHMENT:
-                attachment_of(content)
-            elif opcode == Opcode.METADATA:
-                metadata_of(content)
-            elif opcode == Opcode.SCHEMA:
+            if opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
+                return fills(opcode, content)
+            if opcode == Opcode.SCHEMA:
                 schema_of(content)
             elif opcode == Opcode.CHANNEL:
                 channel_of(content, {})
@@ -221,7 +219,8 @@ class Frames:
         if len(content) < MESSAGE.size:
             return False
         number, _, time_ns, _ = MESSAGE.unpack_from(content)
-        near = self.time_ns is None or abs(time_ns - self.time_ns) < DAY_NS
+        # One of the two may itself be damaged.
+        near = not self.times_ns or any(abs(time_ns - known) < DAY_NS for known in self.times_ns)
         known = self.sizes or self.summary.channels
         return near and (not known or number in known or number in self.summary.channels)
 

@@ -248,3 +248,34 @@ def allowed(opcode: int, size: int) -> bool:
     if opcode in SIZES:
         return size == SIZES[opcode]
     return 0 < opcode <= LAST_OPCODE or opcode >= PRIVATE
+
+
+def fills(opcode: int, content: bytes) -> bool:
+    """Whether the fields of a record fill it to the last byte, which damage seldom leaves so.
+
+    Args:
+        opcode: its kind; only those whose fields have lengths of their own can tell.
+        content: of the record.
+    """
+    fields = Fields(content)
+    try:
+        if opcode == Opcode.SCHEMA:
+            fields.numbers("H")
+            name, _, _ = fields.text(), fields.text(), fields.sized()
+            filled = bool(name)
+        elif opcode == Opcode.CHANNEL:
+            fields.numbers("HH")
+            topic, _, _ = fields.text(), fields.text(), fields.texts()
+            filled = bool(topic)
+        elif opcode == Opcode.METADATA:
+            name, _ = fields.text(), fields.texts()
+            filled = bool(name)
+        elif opcode == Opcode.ATTACHMENT:
+            attachment_of(content)
+            filled = bool(content[-4:] != bytes(4))
+            fields.take(len(content))
+        else:
+            return False
+    except RecordError:
+        return False
+    return filled and not fields.left

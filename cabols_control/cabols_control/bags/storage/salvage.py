@@ -199,14 +199,15 @@ class Salvage:
 
     def _message(self, content: bytes) -> Message:
         number, sequence, log_time, publish_time = MESSAGE.unpack_from(content)
-        self._frames.sizes[number] = len(content)
-        self._frames.time_ns = log_time
         self.seen += 1
         channel = self._numbers.get(number)
         if channel is None and number in self._frames.summary.channels:
             # The record itself was lost with its chunk; the summary repeats it.
             channel = self._numbers[number] = self._frames.summary.channels[number]
             self.channels.append(channel)
+        if channel is not None:
+            self._frames.sizes[number] = len(content)
+            self._frames.times_ns = (*self._frames.times_ns[:1], log_time)
         return Message(channel, sequence, log_time, publish_time, content[MESSAGE.size :])
 
     def _note(self, opcode: int, content: bytes) -> Record | None:
