@@ -86,6 +86,42 @@ def test_spring_and_cable_in_series(plant_config):
     assert cable_tension(0.01, length, bare) / 0.01 == pytest.approx(10720.0, rel=0.01)
 
 
+def test_spring_that_ends_leaves_the_cable_alone(plant_config):
+    row = limbs(plant_config, spring_end_tension=150.0).parameters[0]
+    endless, length = plant_config.limbs.parameters[0], 1.42
+    cable = row["cable_compliance_per_metre"] * length
+    end = 150.0 * cable + 149.5 * row["spring_compliance"]
+    assert cable_tension(end, length, row) == pytest.approx(150.0)
+    assert cable_tension(0.9 * end, length, row) == cable_tension(0.9 * end, length, endless)
+    assert cable_tension(end + 0.01, length, row) == pytest.approx(150.0 + 0.01 / cable)
+
+
+@pytest.mark.parametrize("locks", [False, True])
+def test_gear_that_locks_is_not_turned_by_the_pull(plant_config, locks):
+    table = limbs(
+        plant_config, coulomb_current=0.0, load_current=0.01, backlash=0.0, self_locking=locks
+    ).parameters[:1]
+    states, _ = push(table, 0.0, 4000, (0.04, 0.0, 0.04), rest=1.42, length=1.42)
+    assert (states[-1, 0] == 0.04) == locks
+    # Stall: the pull takes all of the current; a gear that locks keeps what momentum added.
+    _, tensions = push(table, 0.6, 40000, rest=1.42, length=1.42)
+    stall = tensions.max() if locks else 60.0
+    assert tensions[-1] == pytest.approx(stall, rel=0.02)
+    assert tensions[-1] > 59.0
+
+
+def test_cable_beyond_its_strength_parts(rig, card, plant_config):
+    weak = replace(plant_config, limbs=limbs(plant_config, break_tension=50.0))
+    plant = Plant(rig, card, weak, seed=1)
+    plant.drive(np.full(8, 1.0))
+    highest = np.zeros(8)
+    for _ in range(1500):
+        plant.advance(1e-3)
+        highest = np.maximum(highest, plant.tension)
+    assert highest.max() <= 50.0
+    assert not plant.tension.any(), "all have parted"
+
+
 def test_longer_cable_is_softer(plant_config):
     row = plant_config.limbs.parameters[0]
     assert cable_tension(0.01, 2.0, row) < cable_tension(0.01, 1.0, row)

@@ -32,6 +32,10 @@ class LimbPlantConfig:
         backlash: gear backlash, at the cable [m].
         spring_stiffness: [N/m]; 0 stands for a limb without a spring.
         spring_initial_tension: below it the spring's coils touch [N].
+        spring_end_tension: at which the spring ends; beyond it only the cable stretches [N]. 0: it
+            never ends.
+        break_tension: at which a cable parts [N]; 0: it never does.
+        self_locking: whether the gear lets no pull turn the motor.
         cable_compliance_fixed: of knots and pulley mounts [m/N].
         cable_compliance_per_metre: of the cable itself [1/N].
         initial_slack: of every cable at power-up [m].
@@ -46,6 +50,9 @@ class LimbPlantConfig:
     backlash: float = 0.0002
     spring_stiffness: float = 2768.0
     spring_initial_tension: float = 0.5
+    spring_end_tension: float = 0.0
+    break_tension: float = 0.0
+    self_locking: bool = False
     cable_compliance_fixed: float = 0.0
     cable_compliance_per_metre: float = 6.55e-5
     initial_slack: float = 0.004
@@ -68,6 +75,8 @@ class LimbPlantConfig:
             "backlash",
             "spring_stiffness",
             "spring_initial_tension",
+            "spring_end_tension",
+            "break_tension",
             "cable_compliance_fixed",
             "cable_compliance_per_metre",
             "initial_slack",
@@ -111,6 +120,8 @@ class LimbPlantConfig:
         if self.spring_stiffness > 0.0:
             records["spring_compliance"] = 1.0 / self.spring_stiffness
             records["spring_initial_tension"] = self.spring_initial_tension
+        records["spring_end_tension"] = self.spring_end_tension or np.inf
+        records["self_locking"] = self.self_locking
         return records
 
 

@@ -19,6 +19,8 @@ LIMB_PARAMETERS = np.dtype(
         ("backlash", np.float64),  # at the cable [m]
         ("spring_compliance", np.float64),  # [m/N]; 0 without a spring
         ("spring_initial_tension", np.float64),  # below it the coils touch [N]
+        ("spring_end_tension", np.float64),  # above it only the cable stretches [N]; inf: never
+        ("self_locking", np.int64),  # whether the cable's pull cannot turn the motor
         ("cable_compliance_fixed", np.float64),  # [m/N]
         ("cable_compliance_per_metre", np.float64),  # [1/N]
     ],
@@ -41,7 +43,8 @@ LIMB_STATE = np.dtype(
 def cable_tension(elongation: float, length: float, limb: Any) -> float:
     """Tension [N] of cable and spring in series, stretched by elongation [m]; none when slack.
 
-    Below the spring's initial tension its coils touch and only the cable stretches.
+    Below the spring's initial tension its coils touch, and above its end tension its end is
+    reached: there only the cable stretches.
 
     Args:
         elongation: of both [m].
@@ -56,6 +59,9 @@ def cable_tension(elongation: float, length: float, limb: Any) -> float:
     if below <= initial:
         return below
     beyond: float = (elongation + initial * spring) / (cable + spring)
+    end = limb["spring_end_tension"]
+    if beyond > end:
+        beyond = end + (elongation + initial * spring - end * (cable + spring)) / cable
     return beyond
 
 
@@ -73,8 +79,9 @@ def limb_step(
 
     The motor is T dv/dt + v = k (i - friction - load): (3.11) with dry and viscous friction and
     the cable's pull. It is integrated exactly over the step for constant current and load; dry
-    friction then takes up to its own share, and holds the motor still when that is enough. The
-    pulley follows within the backlash (a play held by friction).
+    friction then takes up to its own share, and holds the motor still when that is enough. Through
+    a self-locking gear the pull only takes current from a motor that winds in. The pulley follows
+    within the backlash (a play held by friction).
 
     Args:
         limbs: (n,) records of LIMB_PARAMETERS.
@@ -93,7 +100,10 @@ def limb_step(
         slower = 1.0 + k * limb["viscous_current"]
         gain = k / slower
         decay = np.exp(-dt_s * slower / limb["time_constant"])
-        drive = gain * (current[i] - limb["load_current"] * tension[i])
+        load = limb["load_current"] * tension[i]
+        if limb["self_locking"]:
+            load = min(load, max(current[i], 0.0))
+        drive = gain * (current[i] - load)
         free = decay * now["motor_speed"] + (1.0 - decay) * drive
         friction = (1.0 - decay) * gain * limb["coulomb_current"]
         if abs(free) <= friction:

@@ -151,6 +151,7 @@ class Plant:
         self.faults = PlantFaults(n)
         self.enabled = True
         self._parted = np.zeros(n, dtype=np.bool_)
+        self._torn = np.zeros(n, dtype=np.bool_)
         self._time = 0.0
         self.target: Target = target if target is not None else RigidTarget(rig.geometry)
         self._place()
@@ -196,6 +197,8 @@ class Plant:
             steps,
             self.tension,
         )
+        if 0.0 < self._config.limbs.break_tension < self.tension.max():
+            self._tear()
         cable_wrench(self._matrix, self.tension, self.wrench)
         moved = self.target.step(self.wrench, duration_s)
         rigid = isinstance(self.target, RigidTarget)
@@ -217,6 +220,13 @@ class Plant:
         said = self.faults.inject(kind, limb, value, duration_s, self._time)
         self._part(self.faults.limbs_with("cable_break"))
         return said
+
+    def _tear(self) -> None:
+        """Part the cables that are pulled beyond what they bear; none of them is ever spliced."""
+        torn = self.tension > self._config.limbs.break_tension
+        self._rest[torn & ~self._torn] += PARTED_M
+        self._torn |= torn
+        self.tension[torn] = 0.0
 
     def _part(self, limbs: list[int]) -> None:
         """Part the cables of some limbs; splice the others that had parted."""
