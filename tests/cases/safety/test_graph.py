@@ -18,7 +18,6 @@ from cabols_msgs.srv import SetMode
 from rclpy.action import ActionClient
 
 from cabols_control.bringup.processes import executable_path
-from cases import fails_today
 from graph_harness import run_scenario
 
 pytestmark = [pytest.mark.ros, pytest.mark.long, pytest.mark.timeout(240)]
@@ -100,7 +99,6 @@ def test_second_supervisor_changes_no_mode():
     assert set(modes) <= {Mode.LOADING}
 
 
-@fails_today(13, "the robot goes on; the cables are struts")
 def test_robot_stops_when_its_bridge_is_killed_on_the_way():
     def scenario(watcher, pids):
         running(watcher)
