@@ -55,7 +55,7 @@ def _numbers(element, name):
 
 
 class Chain:
-    """Joints (transform before, axis) of a URDF from its base to a tip."""
+    """Joints (transform before, axis, whether it slides) of a URDF from its base to a tip."""
 
     def __init__(self, urdf=URDF, tip="tool0"):
         joints = {
@@ -72,9 +72,10 @@ class Chain:
             roll, pitch, yaw = _numbers(origin, "rpy")
             rotation = turn([0, 0, yaw]) @ turn([0, pitch, 0]) @ turn([roll, 0, 0])
             at = at @ placed(rotation, _numbers(origin, "xyz"))
-            if joint.get("type") in ("revolute", "continuous"):
+            if joint.get("type") in ("revolute", "continuous", "prismatic"):
                 axis = np.array(_numbers(joint.find("axis"), "xyz"))
-                self.joints.append((at, axis / np.linalg.norm(axis)))
+                slides = joint.get("type") == "prismatic"
+                self.joints.append((at, axis / np.linalg.norm(axis), slides))
                 at = np.eye(4)
         self.tip = at
 
@@ -87,10 +88,13 @@ class Chain:
         if virtual is not None:
             matrix = placed(turn(virtual[0, 3:]), virtual[0, :3])
         frames = [matrix]
-        for i, (before, axis) in enumerate(self.joints):
+        for i, (before, axis, slides) in enumerate(self.joints):
             matrix = matrix @ before
             axes.append((matrix[:3, :3] @ axis, matrix[:3, 3].copy()))
-            matrix = matrix @ placed(turn(axis * q[i]), np.zeros(3))
+            moved = (
+                placed(np.eye(3), axis * q[i]) if slides else placed(turn(axis * q[i]), [0, 0, 0])
+            )
+            matrix = matrix @ moved
             if virtual is not None:
                 matrix = matrix @ placed(turn(virtual[i + 1, 3:]), virtual[i + 1, :3])
             frames.append(matrix)
@@ -117,7 +121,10 @@ class Chain:
             force, moment = wrench[:3], wrench[3:]
             if follows:
                 force, moment = rotation @ force, rotation @ moment
-            torque = [z @ (np.cross(point - origin, force) + moment) for z, origin in axes]
+            torque = [
+                z @ force if slides else z @ (np.cross(point - origin, force) + moment)
+                for (z, origin), (_, _, slides) in zip(axes, self.joints, strict=True)
+            ]
             new = np.linalg.solve(matrix, np.array(torque) - friction)
             if virtual is not None:
                 virtual = np.array(

@@ -294,7 +294,8 @@ def start_stiffness(observations: Observations) -> FloatArray:
     rows = whiten(line, columns, samples, np.ones(len(samples)))
     matrix = rows.columns.reshape(-1, n)
     scale = np.linalg.norm(matrix, axis=0)
-    known = scale > 0.0
+    # A joint that moves no measured point is no part of the problem: not even by rounding.
+    known = scale > 1e-9 * float(scale.max(initial=0.0))
     compliance = np.zeros(n)
     found = np.linalg.lstsq(matrix[:, known] / scale[known], rows.residual.ravel(), rcond=1e-6)[0]
     compliance[known] = found / scale[known]

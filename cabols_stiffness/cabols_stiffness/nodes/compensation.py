@@ -29,7 +29,9 @@ class CompensationNode(ControlNode):
         super().__init__("compensation")
         path = declare(self, "result_file", "", "result.yaml of a stiffness campaign")
         urdf = declare(self, "robot_file", "", "URDF of the robot; empty: the bench's IRB 1600")
-        frame = declare(self, "tool_frame", "", "link that carries the tool; empty: the last")
+        frame = declare(
+            self, "tool_frame", "", "link that carries the tool; empty: tool0 or flange"
+        )
         if not path:
             raise ConfigError("result_file: expected the result.yaml of a campaign, got none")
         content = read_yaml(path)

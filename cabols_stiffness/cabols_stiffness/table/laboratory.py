@@ -23,8 +23,9 @@ from cabols_stiffness.model.screws import turn, turning
 from cabols_stiffness.table.reading import Table
 from cabols_stiffness.table.units import TableError
 
-UNBOUNDED_M = 1e3
-"""Deviation across the direction of a distance."""
+UNBOUNDED = 1e5
+"""Deviation across the direction of a distance, of that along it: far beyond any motion, and still
+regular."""
 EXACT_M = 1e-9
 """Deviation of a displacement's unloaded partner, whose noise the displacement holds already."""
 SMALL_N = 1e-9
@@ -178,7 +179,8 @@ def _distances(
         raise TableError("anchor: expected a point away from the measured one, got the same")
     along = along / length[:, None]
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
-    noise = stated.position_m**2 * along[:, :, None] * along[:, None, :] + UNBOUNDED_M**2 * across
+    inside = along[:, :, None] * along[:, None, :]
+    noise = stated.position_m**2 * (inside + UNBOUNDED**2 * across)
     values = distance[:, None] * along
     position = np.where(np.isfinite(distance)[:, None], values, np.nan)
     if np.nanmax(np.abs(distance)) < 0.5 * length.min():
