@@ -298,28 +298,29 @@ def _messages(folder: Path, information: dict[str, Any]) -> Iterator[tuple[Chann
         raise BagError(
             f"{folder}: expected messages or files compressed by zstd, got {form}; record it anew"
         )
-    counts: dict[str, int] = {}
+    counts: dict[ChannelInfo, int] = {}
     unknown = 0
     for path in listed(folder, information):
         with opened(path) as reading:
             for message in reading.messages():
-                if message.channel is None:
+                channel = message.channel
+                if channel is None:
                     unknown += 1
                     continue
-                topic = message.channel.topic
-                counts[topic] = counts.get(topic, 0) + 1
-                yield message.channel, message
+                counts[channel] = counts.get(channel, 0) + 1
+                yield channel, message
     _compare(folder, information, counts, unknown)
 
 
 def _compare(
-    folder: Path, information: dict[str, Any], counts: dict[str, int], unknown: int
+    folder: Path, information: dict[str, Any], counts: dict[ChannelInfo, int], unknown: int
 ) -> None:
     """Say where a bag does not hold what its metadata.yaml announces."""
     announced = _recorded(information)
     read: dict[str, int] = {}
-    for topic, count in counts.items():
-        read[relative(topic)] = count
+    for channel, count in counts.items():
+        name = relative(channel.topic)
+        read[name] = read.get(name, 0) + count
     different = [
         f"{name}: {read.get(name, 0)} of {count} messages"
         for name, (_, count) in announced.items()

@@ -87,10 +87,11 @@ class TopicMessages:
             group = self._groups.setdefault(key, _Group(channel))
             # The channel is kept, too, so that its id stays its own.
             known = self._of[id(channel)] = (channel, group)
-        known[1].rows.append(len(self._times))
-        known[1].raws.append(plain(message.data))
-        times = (signed(message.log_time_ns), signed(message.publish_time_ns), message.sequence)
-        self._times.append(times)
+        _, group = known
+        data = message.data
+        group.rows.append(len(self._times))
+        group.raws.append(data if data[:4] != ZSTD else plain(data))
+        self._times.append((message.log_time_ns, message.publish_time_ns, message.sequence))
 
     def types(self) -> list[str]:
         """Types of the messages so far."""
@@ -111,7 +112,7 @@ class TopicMessages:
         pieces = [self._decode(group) for group in groups]
         self._agree(pieces)
         rows = np.sort(np.concatenate([piece.rows for piece in pieces]))
-        times = np.array(self._times, np.int64).reshape(-1, 3)[rows]
+        times = _signed_times(self._times)[rows]
         placed = [Piece(np.searchsorted(rows, piece.rows), piece.columns) for piece in pieces]
         self._times = []
         for group in groups:
@@ -155,6 +156,15 @@ class TopicMessages:
                     f"{self._name}: expected one definition of its type, got two that disagree on "
                     f"{fields}; read the files that were merged one by one"
                 )
+
+
+def _signed_times(times: list[tuple[int, int, int]]) -> npt.NDArray[np.int64]:
+    """(k, 3) times as ROS 2 reads them, and publication numbers."""
+    try:
+        found = np.array(times, np.int64)
+    except OverflowError:
+        found = np.array([[signed(value) for value in row] for row in times], np.int64)
+    return found.reshape(-1, 3)
 
 
 def _kind(column: Column) -> str:

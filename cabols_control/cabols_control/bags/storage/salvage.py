@@ -165,7 +165,13 @@ class Salvage:
         elif opcode == Opcode.MESSAGE and len(content) < MESSAGE.size:
             self._short(content)
         elif opcode == Opcode.MESSAGE:
-            yield self._message(content)
+            message = self._message(content, 0, len(content))
+            if message.channel is not None:
+                # By these, the records behind a damaged one are judged.
+                number = int.from_bytes(content[:2], "little")
+                self._frames.sizes[number] = len(content)
+                self._frames.times_ns = (*self._frames.times_ns[:1], message.log_time_ns)
+            yield message
         else:
             found_record = self._note(opcode, content)
             if found_record is not None:
@@ -180,13 +186,12 @@ class Salvage:
             if position + length > end:
                 self._damage("a record beyond its chunk's end", end - position + FRAME.size)
                 return
-            content = data[position : position + length]
             if opcode != Opcode.MESSAGE:
-                self._note(opcode, content)
+                self._note(opcode, data[position : position + length])
             elif length < MESSAGE.size:
-                self._short(content)
+                self._short(data[position : position + length])
             else:
-                yield self._message(content)
+                yield self._message(data, position, length)
             position += length
 
     def _short(self, content: bytes) -> None:
@@ -197,18 +202,16 @@ class Salvage:
             text = f"{self._path}: a message record of {len(content)} bytes is left out"
             warnings.warn(text, BagWarning, stacklevel=2)
 
-    def _message(self, content: bytes) -> Message:
-        number, sequence, log_time, publish_time = MESSAGE.unpack_from(content)
+    def _message(self, data: bytes, position: int, length: int) -> Message:
+        number, sequence, log_time, publish_time = MESSAGE.unpack_from(data, position)
         self.seen += 1
         channel = self._numbers.get(number)
         if channel is None and number in self._frames.summary.channels:
             # The record itself was lost with its chunk; the summary repeats it.
             channel = self._numbers[number] = self._frames.summary.channels[number]
             self.channels.append(channel)
-        if channel is not None:
-            self._frames.sizes[number] = len(content)
-            self._frames.times_ns = (*self._frames.times_ns[:1], log_time)
-        return Message(channel, sequence, log_time, publish_time, content[MESSAGE.size :])
+        payload = data[position + MESSAGE.size : position + length]
+        return Message(channel, sequence, log_time, publish_time, payload)
 
     def _note(self, opcode: int, content: bytes) -> Record | None:
         """Keep what a record says about the messages; return it if it stands for itself."""
