@@ -102,7 +102,7 @@ def identify(
             raise
         raise OutliersError(f"{error}; {'; '.join(causes)}") from error
     if model != AS_PUBLISHED and judged:
-        opinion = judge(observations, found, estimated)
+        opinion = judge(observations, found, estimated, result.friction_reach)
         verdict = replace(opinion.verdict, missing=usable.missing, repeated=usable.repeated)
         result = summarise(found, model, result.friction_reach, opinion.between)
         result = replace(result, verdict=verdict)

@@ -223,7 +223,6 @@ def coulomb(state, step):
     return np.where(np.abs(step) > 1e-7, np.sign(step), state)
 
 
-@fails_today(16, "-23 % at 4 %, rms 0.94: looks perfect")
 @pytest.mark.parametrize("seed", [31, 33])
 @pytest.mark.parametrize("form", [dahl, coulomb])
 def test_friction_of_other_forms_is_flagged_or_covered(chain, form, seed):

@@ -47,6 +47,12 @@ PLAUSIBLE = (1e3, 5e7)
 """Least and largest median stiffness of a robot's joints that turn [N m/rad]: from a light arm's
 gears to those of a robot for a tonne."""
 
+SATURATED = 0.45
+"""Share of a joint's largest motion after which its friction must be at its full size."""
+
+LARGE_FRICTION = 0.1
+"""Share of the elastic torque that friction may take without that."""
+
 INDEPENDENT = 1e-4
 """Relative singular value below which a suspect's columns are those of the joints."""
 
@@ -59,13 +65,14 @@ class Judged:
     between: RandomEffects | None
 
 
-def judge(observations: Observations, found: Fitted, model: Model) -> Judged:
+def judge(observations: Observations, found: Fitted, model: Model, travel: FloatArray) -> Judged:
     """Judge a fit.
 
     Args:
         observations: of the robot.
         found: the fit of them.
         model: of that fit.
+        travel: (n,) motion over which each joint's friction rises, 0 where there is none [rad].
     """
     n, p = found.deflection.shape[1], found.columns.shape[2]
     tried = suspects(observations, found, model.cubic)
@@ -84,7 +91,7 @@ def judge(observations: Observations, found: Fitted, model: Model) -> Judged:
     scattered = differ.probability < CERTAIN and len(parts.configuration) > 2
     named = _named(rows.columns[use], residual, p, tried, parts, configuration, scattered, found)
     between = random_effects(parts, n) if scattered else None
-    findings = [*named, *_magnitude(found)]
+    findings = [*named, *_magnitude(found), *_friction(found, travel)]
     inside = parts.variance if scattered else found.chi_square / freedom
     inside_freedom = parts.within_freedom if scattered else freedom
     unlikely = float(chi2.sf(inside * inside_freedom, inside_freedom)) < CERTAIN
@@ -222,6 +229,18 @@ def _explained(
     )
     share = np.einsum("kmj,km->j", by_joint, model) / max(float(np.sum(model**2)), 1e-300)
     return explained, np.asarray(by_axis), np.asarray(share)
+
+
+def _friction(found: Fitted, travel: FloatArray) -> list[Finding]:
+    """Friction that rises over most of a joint's motion: nothing tells it from stiffness."""
+    motion = np.maximum(np.abs(found.deflection[found.use]).max(axis=0, initial=0.0), 1e-12)
+    share = np.abs(found.parameters.friction) * found.parameters.compliance / motion
+    mixed = (travel > SATURATED * motion) & (share > LARGE_FRICTION)
+    if not mixed.any():
+        return []
+    largest = float(share[mixed].max())
+    text = text_of(Suspect.FRICTION, largest)
+    return [Finding(Suspect.FRICTION, text, 0.0, 0.0, largest, True)]
 
 
 def _magnitude(found: Fitted) -> list[Finding]:

@@ -21,6 +21,9 @@ TEXTS = {
     Suspect.PLAY: "joints have play or friction",
     Suspect.VARYING: "stiffness varies with the joint's own angle (a balancer)",
     Suspect.CREEP: "the reflector creeps within each pass (temperature, a base that settles)",
+    Suspect.FRICTION: "a joint's friction rises over most of its motion and takes {percent:.0f} % "
+    "of its torque, so that nothing tells it from stiffness; load farther, up and down, in more "
+    "steps",
     Suspect.MAGNITUDE: "the joints' median stiffness is {:.3g} N m/rad, which no robot has; check "
     "the units of force, torque and position",
 }
