@@ -371,3 +371,34 @@ def test_configuration_is_checked(changes, message):
     values = {"wrench_max": [1.0] * 6, "position_range": [0.1] * 3, **changes}
     with pytest.raises((ConfigError, ValueError), match=message):
         SafetyConfig(**values)
+
+
+@pytest.mark.parametrize("silent_supervisor", [False, True])
+def test_pressed_stop_holds_in_every_mode_until_its_reset(loaded, silent_supervisor):
+    """Also where no supervisor runs: the mode says LOADING on, or begins anew in STOPPED."""
+    loaded.guard.press_stop()
+    if not silent_supervisor:
+        loaded.mode = OperatingMode.FAULT
+    loaded.run(0.06)
+    assert not loaded.plant.current.any()
+    for mode in (OperatingMode.STOPPED, OperatingMode.FREE_MOVING, OperatingMode.LOADING):
+        loaded.mode = mode
+        loaded.run(0.005)
+        assert not loaded.plant.current.any()
+        assert not loaded.plant.enabled
+    loaded.guard.release_stop()
+    loaded.mode = OperatingMode.STOPPED
+    loaded.run(0.005)
+    loaded.mode = OperatingMode.FREE_MOVING
+    loaded.run(0.005)
+    assert loaded.plant.enabled
+
+
+def test_pressed_stop_brakes_and_lets_no_tension_rise(loaded):
+    highest = loaded.plant.tension.max()
+    loaded.guard.press_stop()
+    for _ in range(60):
+        loaded.cycle()
+        highest = max(highest, loaded.plant.tension.max())
+    assert highest <= 150.0
+    assert not loaded.plant.current.any()

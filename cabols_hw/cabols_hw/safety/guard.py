@@ -54,7 +54,7 @@ class BridgeGuard:
         self._moved = False
         self._emergency = False
         self.ending = False
-        self._pressed = False
+        self._pressed = self._brakes = False
 
     @property
     def enabled(self) -> bool:
@@ -113,6 +113,9 @@ class BridgeGuard:
         elif moved and not self._moved and fault is None:
             # Also a mode that ends leaves no motor to coast.
             self.braking.begin(now_s)
+        elif self._brakes and self._moved and fault is None:
+            self.braking.begin(now_s)
+        self._brakes = False
         # Silent controllers are the bridge's matter: the card must not expire before it has acted.
         acted = reacts or recovers or self.braking.active or self._watchdog.silent
         if acted:
@@ -159,8 +162,9 @@ class BridgeGuard:
 
     def press_stop(self) -> None:
         """Cut as emergency_stop() does; holds, in every mode, until release_stop()."""
-        self._pressed = True
         self.emergency_stop()
+        # The next sample brakes, as after any end of motion.
+        self._pressed = self._brakes = True
 
     def release_stop(self) -> None:
         """Let a reset lift what press_stop() holds."""
