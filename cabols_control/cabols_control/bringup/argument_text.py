@@ -85,6 +85,10 @@ def others(
 def read_argument(argument: Argument, text: str) -> Any:
     """Read one argument's text as the type of its default.
 
+    Args:
+        argument: which.
+        text: as typed.
+
     Raises:
         ConfigError: if it is no such value or out of the bounds.
     """
