@@ -25,8 +25,9 @@ def measured(robot, count=100, seed=1):
         deflection[k] = *(p_loaded - p), *Rotation.from_matrix(R_loaded @ R.T).as_rotvec()
     deflection += NOISE * random.standard_normal((count, 6))
     numbers, loading = np.arange(count), np.ones(count, dtype=int)
-    exact, noise = np.zeros((count, 6, 6)), np.tile(np.diag(NOISE**2), (count, 1, 1))
-    return Samples(numbers, numbers, loading, joints, wrench, exact, deflection, noise)
+    noise = np.tile(np.diag(NOISE**2), (count, 1, 1))
+    sensor = np.tile(np.diag((1e-4 * LARGEST) ** 2), (count, 1, 1))
+    return Samples(numbers, numbers, loading, joints, wrench, sensor, deflection, noise)
 
 
 if __name__ == "__main__":

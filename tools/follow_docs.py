@@ -162,7 +162,7 @@ def missing(root: Path, commands: Iterable[Command]) -> list[str]:
             named = {w for w in shlex.split(command.text)[1:] if re.fullmatch(r"[a-z-]+", w)}
             if not named <= targets:
                 found.append(f"{command.page}: {command.text}: no such target")
-        script = re.search(r"ros2 run (\w+) (\w+)|\.venv/lib/(\w+)/(\w+)", command.text)
+        script = re.search(r"ros2 run (\w+) ([\w-]+)|\.venv/lib/(\w+)/([\w-]+)", command.text)
         if script:
             package, name = [part for part in script.groups() if part]
             if name.isupper():  # a place to fill in

@@ -1,11 +1,11 @@
-"""Run the tests as `make test` does: in three processes, then those that need real time alone.
+"""Run the tests as `make test` does: pure ones, graphs that bear company, then real time alone.
 
 python tools/run_tests.py [pytest's arguments]
 
 Tests that run against the wall clock, such as a graph at 1 kHz with its watchdogs of 10 ms, share
 the machine with no other test. Graphs in lockstep or with long watchdogs bear company, and wait
 more than they compute. What the arguments select by `-m` is split the same way. Tests marked
-`long` run only where `-m` names them. The last line is one closing line of pytest for both halves.
+`long` run only where `-m` names them. The last line is one closing line of pytest for all parts.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-TOGETHER = "not realtime"
-ALONE = "realtime"
-TOGETHER_BY = ("-n", "3", "--dist", "loadfile")
+TWO = ("-n", "2", "--dist", "loadfile")
+PARTS = (("not (ros or realtime)", TWO), ("ros and not realtime", TWO), ("realtime", ()))
+"""Tests that run one part after the other, and how pytest runs them."""
 COUNTS = "CABOLS_TEST_COUNTS"
 """Environment variable: file for the numbers of outcomes, see tests/harness/outcome_counts.py."""
 NOTHING_COLLECTED = 5
@@ -46,13 +46,13 @@ def split_marks(words: Sequence[str]) -> tuple[str, list[str]]:
     return expression, others
 
 
-def selection(half: str, expression: str) -> str:
-    """Marker expression of one half of what the arguments select."""
-    parts = [half, expression, "" if "long" in expression else "not long"]
-    return " and ".join(f"({part})" for part in parts if part)
+def selection(part: str, expression: str) -> str:
+    """Marker expression of one part of what the arguments select."""
+    parts = [part, expression, "" if "long" in expression else "not long"]
+    return " and ".join(f"({each})" for each in parts if each)
 
 
-def run_half(words: Sequence[str]) -> tuple[int, Counter[str]]:
+def run_part(words: Sequence[str]) -> tuple[int, Counter[str]]:
     """Run pytest once; return its exit code and the numbers of outcomes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "counts.json"
@@ -65,27 +65,28 @@ def run_half(words: Sequence[str]) -> tuple[int, Counter[str]]:
 
 
 def closing_line(counts: Counter[str], seconds: float) -> str:
-    """What pytest would say of both halves."""
+    """What pytest would say of all parts."""
     text = ", ".join(f"{counts[name]} {name}" for name in ORDER if counts[name])
     whole = round(seconds)
     clock = f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
     return f" {text or 'no tests ran'} in {seconds:.2f}s ({clock}) ".center(88, "=")
 
 
-def add_up(together: Counter[str], alone: Counter[str]) -> Counter[str]:
-    """Outcomes of both halves; deselected are those that neither half ran.
+def add_up(*parts: Counter[str]) -> Counter[str]:
+    """Outcomes of all parts; deselected are those that no part ran.
 
-    With processes beside it pytest does not count what it deselects, so the second half's number
-    is taken, which counts what the first half has run, too.
+    With processes beside it pytest does not count what it deselects, so the last part's number is
+    taken, which counts what the parts before have run, too.
     """
     outcomes = ("failed", "passed", "skipped", "xfailed", "xpassed")
-    total = together + alone
-    total["deselected"] = max(alone["deselected"] - sum(together[name] for name in outcomes), 0)
+    total = sum(parts, Counter[str]())
+    before = sum(part[name] for part in parts[:-1] for name in outcomes)
+    total["deselected"] = max(parts[-1]["deselected"] - before, 0)
     return total
 
 
 def verdict(codes: Sequence[int]) -> int:
-    """Exit code of both halves: the first that failed; nothing collected only if in both."""
+    """Exit code of all parts: the first that failed; nothing collected only if in none."""
     failed = [code for code in codes if code not in (0, NOTHING_COLLECTED)]
     if failed:
         return failed[0]
@@ -93,21 +94,13 @@ def verdict(codes: Sequence[int]) -> int:
 
 
 def main(words: Sequence[str]) -> int:
-    """Run both halves; 0 if both passed."""
+    """Run all parts; 0 if each passed."""
     expression, others = split_marks(words)
-    began, codes, found = time.monotonic(), [], [Counter[str](), Counter[str]()]
-    halves = (
-        [
-            *TOGETHER_BY,
-            "-m",
-            selection(TOGETHER, expression),
-            *others,
-        ],
-        ["-m", selection(ALONE, expression), *others],
-    )
-    for k, half in enumerate(halves):
-        code, found[k] = run_half(half)
+    began, codes, found = time.monotonic(), [], list[Counter[str]]()
+    for part, how in PARTS:
+        code, counts = run_part([*how, "-m", selection(part, expression), *others])
         codes.append(code)
+        found.append(counts)
         if code not in (0, NOTHING_COLLECTED) and {"-x", "--exitfirst"} & set(others):
             break
     print(closing_line(add_up(*found), time.monotonic() - began), flush=True)

@@ -129,8 +129,8 @@ def refuse_short_cable(
     """
     lengths = cable_lengths_unchecked(base_points, platform_points, position, rotation)
     if not lengths.min() >= MIN_CABLE_LENGTH_M:
-        cable = cable_name(int(lengths.argmin()))
         raise ShapeError(
-            f"{cable}: expected at least {MIN_CABLE_LENGTH_M} m between its points, got "
-            f"{lengths.min():.3g} m at position {position}; the pose is out of reach"
+            f"{cable_name(int(lengths.argmin()))}: expected at least {MIN_CABLE_LENGTH_M} m "
+            f"between its points, got {lengths.min():.3g} m at position {position}; the pose is "
+            "out of reach"
         )

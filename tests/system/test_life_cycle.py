@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ from cabols_msgs.msg import Mode
 
 from graph_harness import run_scenario
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ros, pytest.mark.realtime, pytest.mark.timeout(240)]
 
 LOADED = {"auto_start": True, "program": "ramps", "speed": 0.2}
 CONTROL_PATH = ("plant", "limb_controller", "wrench_controller", "supervisor")
@@ -93,8 +92,8 @@ def test_crashed_console_ends_no_test():
 
 
 @pytest.mark.long
-def test_without_load_every_process_ends_within_a_second():
-    took = {}
+def test_without_load_every_process_ends_one_by_one():
+    """None waits for another, which the 5 s for unloading would be."""
 
     def scenario(watcher, pids):
         wanted = {"limb_controller", "wrench_controller", "plant", "supervisor"}
@@ -103,11 +102,9 @@ def test_without_load_every_process_ends_within_a_second():
             "the control path",
         )
         for name, pid in pids.items():
-            began = time.monotonic()
             os.kill(pid, signal.SIGTERM)
             watcher.wait(lambda pid=pid: gone(pid), f"the end of {name}")
-            took[name] = time.monotonic() - began
 
-    run_scenario({"speed": 0.2}, scenario, keep_going=True)
-    assert max(took.values()) < 5.0, took
-    assert sorted(took.values())[len(took) // 2] < 1.5, took
+    ended, _, watcher = run_scenario({"speed": 0.2}, scenario, keep_going=True)
+    assert set(ended.codes.values()) == {0}, ended.codes
+    assert Mode.UNLOADING not in watcher.modes()

@@ -27,6 +27,11 @@ ALLOWED = {
     "cabols_hw/tracker/client.py aim": "an enumeration of the tracker's protocol",
     "cabols_hw/tracker/client.py _why": "an enumeration of the tracker's protocol",
     "cabols_sim/devices/abb/rapid.py set": "a RAPID variable's value, TRUE or FALSE",
+    # Headers and cells of a laboratory's table.
+    "cabols_stiffness/table/reading.py _cells": "a comment line of a table",
+    "cabols_stiffness/table/reading.py _number": "an empty cell of a table",
+    "cabols_stiffness/table/units.py meaning": "a column's header: name and unit",
+    "cabols_stiffness/table/units.py _split": "a column's header: name and unit",
     # Words of a command line.
     "cabols_control/bringup/argument_text.py read_argument": "value of a launch argument",
     "cabols_control/bringup/argument_text.py _expanded": "a path of a launch argument",

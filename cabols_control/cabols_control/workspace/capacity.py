@@ -171,10 +171,10 @@ def _held_wrench(task: CapacityTask, rotation: FloatArray, held: FloatArray) -> 
     x = rotation[0, 0] * r[0] + rotation[0, 1] * r[1] + rotation[0, 2] * r[2]
     y = rotation[1, 0] * r[0] + rotation[1, 1] * r[1] + rotation[1, 2] * r[2]
     base = np.empty(6)
-    base[:] = task.held
-    base[2] += task.weight
-    base[3] += y * task.weight
-    base[4] -= x * task.weight
+    # A weight along -z at (x, y, .) is to be carried: a force along z and its torque.
+    carried = (0.0, 0.0, 1.0, y, -x, 0.0)
+    for k in range(6):
+        base[k] = task.held[k] + carried[k] * task.weight
     for part in range(2):
         for k in range(3):
             value = base[3 * part + k]

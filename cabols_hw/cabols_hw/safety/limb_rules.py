@@ -13,6 +13,8 @@ from cabols_hw.safety.rules import Rule
 OBSERVER_RATE = 100.0
 """Bandwidth of the observer that separates current from motion [1/s]: 10 ms."""
 
+LONG_SAMPLE_S = 0.0035
+"""In a sample that took longer nobody knows which current flowed when: the observer starts anew."""
 BRAKE_LAG_S = 0.006
 """From a sample to the whole braking current: two samples, and the ramp of the current."""
 FIRM_S = 0.005
@@ -51,6 +53,7 @@ LIMB_WATCH = np.dtype(
         ("cable_s", np.float64),  # how long the switch has contradicted the estimate [s]
         ("current_s", np.float64),  # how long the current has been at its limit [s]
         ("motion_s", np.float64),  # how long current has been missing from the motion [s]
+        ("motion_sign", np.float64),  # to which side
         ("open_s", np.float64),  # how long the switch has been open [s]; 0: it is closed
         ("slack_stretch", np.float64),  # stretch at which the cable would be slack [m]; NaN: start
         ("proven", np.int64),  # whether the switch has shown that, not only the start
@@ -203,6 +206,8 @@ def judge_limbs(
         if np.isnan(own["last_speed"]) or not acts:
             jumped = False
             own["observed"] = speed
+        if dt_s > LONG_SAMPLE_S:
+            own["observed"] = speed
         own["last_wound"] = wound[i]
         own["last_speed"] = speed
         missing = OBSERVER_RATE * (speed - own["observed"])
@@ -226,8 +231,12 @@ def judge_limbs(
         saturated = abs(current[i]) >= 0.99 * most["current_limit"]
         own["cable_s"] = own["cable_s"] + dt_s if broken else 0.0
         own["current_s"] = own["current_s"] + dt_s if saturated else 0.0
-        # The larger the current, the less time it may take.
-        own["motion_s"] = own["motion_s"] + dt_s * share if share > 1.0 else 0.0
+        # The larger the current, the less time it may take. A defect takes current to one side; a
+        # command that comes late in its sample seems to take it to both in turn.
+        sign = np.sign(missing)
+        lasting = own["motion_s"] if sign == own["motion_sign"] else 0.0
+        own["motion_sign"] = sign
+        own["motion_s"] = lasting + dt_s * share if share > 1.0 else 0.0
         if found != Rule.FINE:
             continue
         if jumped:

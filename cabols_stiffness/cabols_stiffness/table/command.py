@@ -86,7 +86,8 @@ def summary(result: StiffnessResult, robot: RobotModel, table: Table) -> str:
     verdict = result.verdict
     assert verdict is not None
     lines = [f"verdict: {verdict.grade.value}: {verdict.reason}"]
-    lines += [f"  {one.text}" for one in verdict.findings if one.text != verdict.reason]
+    first = next((one for one in verdict.findings if one.grave), None)
+    lines += [f"  {one.text}" for one in verdict.findings if one is not first]
     lines.append(
         f"  {100.0 * verdict.explained:.1f} % explained; chi-square {verdict.chi_square:.0f} for "
         f"{verdict.degrees_of_freedom} degrees of freedom (p = {verdict.probability:.2g}); "
