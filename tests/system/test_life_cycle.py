@@ -58,7 +58,7 @@ def test_bridge_whose_supervisor_is_dead_unloads_by_itself():
     ended, lines, watcher = run_scenario(LOADED, scenario, keep_going=True)
     assert ended.codes["plant"] == 0
     held = max(watcher.seen["limb_state"][-1].tension)
-    assert held < UNLOADED_N or any("the gears hold a load" in line for line in lines)
+    assert held < UNLOADED_N or any("the gears hold:" in line for line in lines)
 
 
 @pytest.mark.long

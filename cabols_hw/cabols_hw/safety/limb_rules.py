@@ -47,7 +47,7 @@ LIMB_WATCH = np.dtype(
         ("gain", np.float64),  # k [m/s/A]
         ("time_constant", np.float64),  # T [s]
         ("began", np.float64),  # wound length at PRETIGHTENING's begin [m]; NaN in other modes
-        ("last_wound", np.float64),  # of the sample before [m]
+        ("last_wound", np.float64),  # of the sample before [m]; NaN if unknown
         ("last_speed", np.float64),  # of the sample before [m/s]; NaN if unknown
         ("observed", np.float64),  # the observer's speed [m/s]
         ("cable_s", np.float64),  # how long the switch has contradicted the estimate [s]
@@ -67,14 +67,14 @@ LIMB_WATCH = np.dtype(
 
 @njit(cache=True)
 def forget_motion(wound: FloatArray, watch: Any) -> None:
-    """Reset the speeds to rest, e.g. after a gap in the samples.
+    """Forget the speeds, e.g. after a gap in the samples: the next two samples give new ones.
 
     Args:
-        wound: (n,) wound length [m].
+        wound: (n,) wound length [m]; only its number of limbs counts.
         watch: (n,) records of LIMB_WATCH; updated.
     """
     for i in range(wound.shape[0]):
-        watch[i]["last_wound"] = wound[i]
+        watch[i]["last_wound"] = np.nan
         watch[i]["last_speed"] = np.nan
         watch[i]["observed"] = 0.0
 
@@ -198,6 +198,7 @@ def judge_limbs(
         own, reading = watch[i], readings[i]
         gain, time_constant = own["gain"], own["time_constant"]
         zeroed = not np.isnan(reading["zero"])
+        # NaN after a gap: no comparison holds then.
         speed = (wound[i] - own["last_wound"]) / dt_s
         jumped = abs(speed - own["last_speed"]) > most["encoder_jump"]
         if jumped:
@@ -210,7 +211,9 @@ def judge_limbs(
             own["observed"] = speed
         own["last_wound"] = wound[i]
         own["last_speed"] = speed
-        missing = OBSERVER_RATE * (speed - own["observed"])
+        if np.isnan(speed):
+            own["observed"] = 0.0
+        missing = 0.0 if np.isnan(speed) else OBSERVER_RATE * (speed - own["observed"])
         pull = (gain * current[i] - own["observed"]) / time_constant + missing
         own["observed"] += dt_s * pull
         _track_slack(own, most, reading, closed[i], dt_s)
