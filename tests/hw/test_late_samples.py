@@ -25,7 +25,7 @@ def rules():
     watch = np.zeros(1, LIMB_WATCH)
     watch["gain"], watch["time_constant"] = GAIN, TIME_CONSTANT
     watch["began"] = watch["slack_stretch"] = np.nan
-    forget_motion(np.zeros(1), watch)
+    forget_motion(watch)
     return limits, watch
 
 
@@ -44,7 +44,7 @@ def judge(gap_s, jams_at_s=np.inf):
             length += dt_s / 20.0 * speed
         now_s += dt_s
         if dt_s > 0.005:
-            forget_motion(np.array([length]), watch)
+            forget_motion(watch)
         readings["stretch"] = length
         rule, _ = judge_limbs(
             dt_s, limits, watch, readings, np.array([length]), np.array([1.0]),

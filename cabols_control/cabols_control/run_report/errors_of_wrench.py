@@ -33,8 +33,7 @@ def error_numbers(run: BenchRun) -> dict[str, float]:
         found |= _numbers("idle", kind, _idle_lengths(error[:, axes], idle[:, axes]))
         found |= _numbers("smoothed", kind, _lengths(deviation[:, axes]))
         for axis, letter in enumerate("xyz"):
-            column = error[:, axes][:, axis]
-            found[f"command_error_rms_{letter}_{kind}"] = _numbers("", "", column)["_error_rms_"]
+            found[f"command_error_rms_{letter}_{kind}"] = _rms(error[:, axes][:, axis])
     return found
 
 
@@ -47,12 +46,16 @@ def _idle_lengths(error: FloatArray, idle: BoolArray) -> FloatArray:
     return _lengths(np.where(idle, error, 0.0)[idle.any(axis=1)])
 
 
+def _rms(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
+
+
 def _numbers(name: str, kind: str, error: FloatArray) -> dict[str, float]:
     if not error.size:
         return {f"{name}_error_{part}_{kind}": float("nan") for part in ("rms", "p95", "max")}
     size = np.abs(error)
     return {
-        f"{name}_error_rms_{kind}": float(np.sqrt(np.mean(size**2))),
+        f"{name}_error_rms_{kind}": _rms(size),
         f"{name}_error_p95_{kind}": float(np.percentile(size, 95.0)),
         f"{name}_error_max_{kind}": float(size.max()),
     }

@@ -127,7 +127,7 @@ class SafetyEnvelope:
     ) -> BridgeFault | None:
         moving = mode in MOVING or recovers
         if not 0.0 < dt_s <= LONGEST_STEP_S:
-            limb_rules.forget_motion(bridge.wound_length, self._limbs)
+            limb_rules.forget_motion(self._limbs)
             if moving and dt_s > self._config.state_age:
                 return BridgeFault(
                     FaultName.STATE_AGE,

@@ -66,14 +66,13 @@ LIMB_WATCH = np.dtype(
 
 
 @njit(cache=True)
-def forget_motion(wound: FloatArray, watch: Any) -> None:
+def forget_motion(watch: Any) -> None:
     """Forget the speeds, e.g. after a gap in the samples: the next two samples give new ones.
 
     Args:
-        wound: (n,) wound length [m]; only its number of limbs counts.
         watch: (n,) records of LIMB_WATCH; updated.
     """
-    for i in range(wound.shape[0]):
+    for i in range(watch.shape[0]):
         watch[i]["last_wound"] = np.nan
         watch[i]["last_speed"] = np.nan
         watch[i]["observed"] = 0.0
