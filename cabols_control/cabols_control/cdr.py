@@ -141,9 +141,11 @@ class Places:
 
     def _text(self, name: str, offset: int) -> tuple[str, int]:
         content = self._content.text(name, align(offset, 4))
+        if content[-1:] != b"\x00":
+            raise LayoutError(f"{name}: a string without its closing zero byte")
         offset = self._size(len(content), offset)
         self.constants.append((offset, content))
-        return content.rstrip(b"\x00").decode(), offset + len(content)
+        return content[:-1].decode(), offset + len(content)
 
     def _size(self, count: int, offset: int) -> int:
         offset = align(offset, 4)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import ConfigError
+from cabols_control.plain_numbers import plain_number
 
 TURNING = ("revolute", "continuous")
 SLIDING = "prismatic"
@@ -21,6 +22,13 @@ FLANGES = ("tool0", "flange")
 """Links that are taken for the flange where an arm has several ends; ROS-Industrial's names."""
 NO_FLANGE = ("camera", "optical", "lidar", "laser", "imu", "sensor", "finger", "gripper")
 """Words in the names of links that are never taken for the flange unasked."""
+
+ATTRIBUTES = {
+    "origin": ("xyz", "rpy"),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"),
+}
+"""Of the elements that are read: a misspelt one would count as left out."""
 
 
 class NotSerialError(ConfigError):
@@ -79,9 +87,9 @@ def read_serial_arm(
     """
     try:
         root = Xml.parse(str(path)).getroot()
-    except (OSError, ParseError, DefusedXmlException) as error:
+    except (OSError, ParseError, DefusedXmlException, ValueError, LookupError) as error:
         raise ConfigError(f"{path}: expected a URDF, got {error}") from error
-    above = {_link(joint, "child", path): joint for joint in root.findall("joint")}
+    above = _above(root, path)
     name = flange or _flange(root, above, path)
     chain = _way_to(name, above, path)
     places: list[tuple[FloatArray, FloatArray]] = []
@@ -127,6 +135,22 @@ def read_serial_arm(
         flange_position=position,
         flange_rotation=rotation,
     )
+
+
+def _above(root: Element, path: str | Path) -> dict[str, Element]:
+    """Joint that carries each link; a tree has one for each, and no name twice."""
+    above: dict[str, Element] = {}
+    names: set[str] = set()
+    for joint in root.findall("joint"):
+        link, name = _link(joint, "child", path), joint.get("name", "")
+        if link in above or name in names:
+            raise ConfigError(
+                f"{path}: {name!r}: expected each joint once, and one joint for each link; got "
+                f"{'another one for ' + repr(link) if link in above else 'its name twice'}"
+            )
+        above[link] = joint
+        names.add(name)
+    return above
 
 
 def _flange(root: Element, above: dict[str, Element], path: str | Path) -> str:
@@ -184,7 +208,7 @@ def _link(joint: Element, tag: str, path: str | Path) -> str:
 def _axis(joint: Element, path: str | Path) -> FloatArray:
     axis = _numbers(joint, "axis", "xyz", "1 0 0", path)
     length = float(np.linalg.norm(axis))
-    if not length > 1e-6:
+    if not 1e-6 < length < 1e6:
         raise ConfigError(f"{path}: {joint.get('name')!r}: expected an axis, got {axis}")
     return np.asarray(axis / length)
 
@@ -208,9 +232,15 @@ def _numbers(
 ) -> FloatArray:
     """Numbers of an attribute, finite."""
     found = joint.find(tag)
+    odd = [] if found is None else [key for key in found.attrib if key not in ATTRIBUTES[tag]]
+    if odd or (tag == "axis" and found is not None and name not in found.attrib):
+        raise ConfigError(
+            f"{path}: {joint.get('name')!r}: expected {', '.join(ATTRIBUTES[tag])} in {tag}, got "
+            f"{', '.join(odd) or 'none'}"
+        )
     words = (found.get(name, default) if found is not None else default).split()
     try:
-        numbers = np.array([float(word) for word in words])
+        numbers = np.array([plain_number(word) for word in words])
     except ValueError:
         numbers = np.full(1, np.nan)
     if numbers.size != count or not np.isfinite(numbers).all():

@@ -20,8 +20,12 @@ MAX_LETTERS = 1_000_000
 MAX_DEPTH = 20
 MAX_VALUES = 50_000
 """Values of a file with all aliases written out."""
+MERGE = "<<"
+"""Key that YAML 1.1 replaces by another mapping's keys, and 1.2 does not."""
 MAX_SHOWN = 60
 """Letters of a wrong value in a message."""
+
+_ODD_BREAK = re.compile("[\u0085\u2028\u2029]")
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,8 @@ class _Loader(yaml.SafeLoader):
             line = key.start_mark.line + 1
             if not isinstance(key, yaml.ScalarNode):
                 raise ConfigError(f"line {line}: expected a name as key, got a list or mapping")
+            if key.value == MERGE and key.style is None:
+                raise ConfigError(f"line {line}: expected keys of its own, got a merge; write them")
             if key.value in seen:
                 raise ConfigError(
                     f"line {line}: expected each key once, got {shown(key.value)} in line "
@@ -118,6 +124,12 @@ def parse(text: str) -> Document:
     """
     if len(text) > MAX_LETTERS:
         raise ConfigError(f"expected at most {MAX_LETTERS} letters, got {len(text)}")
+    if found := _ODD_BREAK.search(text):
+        line = text.count("\n", 0, found.start()) + 1
+        raise ConfigError(
+            f"line {line}: expected lines that end by a line feed, got the character "
+            f"U+{ord(found[0]):04X}, which YAML 1.1 and 1.2 read differently; delete it"
+        )
     try:
         _check_depth(text)
         loader = _Loader(text)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +11,10 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
+from cabols_control.plain_numbers import plain_number
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+_NOT_FINITE = ("nan", "inf", "-inf")
 LARGEST = 1e9
 """Largest number in a file: beyond any rig, and far from where sums of numbers overflow."""
 CSV_HEADER = ("time_s", "fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
@@ -162,8 +162,10 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
         ConfigError: naming the source and the line of what cannot be used.
     """
     try:
-        # Not splitlines(), which takes eight more characters for ends of lines.
-        rows = list(csv.reader(text.replace("\r\n", "\n").split("\n")))
+        # Not splitlines(), which takes eight more characters for ends of lines. The ends are kept:
+        # a number in quotes that goes on in the next line is none.
+        lines = [line + "\n" for line in text.replace("\r\n", "\n").split("\n")]
+        rows = list(csv.reader(lines))
     except csv.Error as error:
         raise ConfigError(f"{source}: cannot be read ({error})") from error
     header = tuple(cell.strip() for cell in rows[0]) if rows else ()
@@ -174,10 +176,11 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
         if not row:
             continue
         try:
-            numbers = [_plain_number(cell) for cell in row]
+            cells = [cell for cell in row if cell.strip() not in _NOT_FINITE]
+            numbers = [plain_number(cell, LARGEST) for cell in cells]
         except ValueError as error:
             raise ConfigError(f"{source}, line {number}: {error}") from error
-        if len(numbers) != len(CSV_HEADER) or not np.isfinite(numbers).all():
+        if not len(numbers) == len(row) == len(CSV_HEADER):
             raise ConfigError(
                 f"{source}, line {number}: expected 7 finite numbers, got {str(row)[:200]}"
             )
@@ -187,22 +190,6 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
     if time.size < 2 or time[0] != 0.0 or not np.diff(time).min() > 0.0:
         raise ConfigError(f"{source}: expected at least two lines, time from 0 and increasing")
     return LoadProgram(name, time.copy(), table[:, 1:].copy(), False)
-
-
-def _plain_number(cell: str) -> float:
-    """Read a number in the digits 0 to 9.
-
-    Raises:
-        ValueError: for another form, such as 1_0 or digits of another script, which Python's
-            float() takes, too; for one beyond LARGEST.
-    """
-    number = cell.strip(" \t")
-    value = float(number)
-    if np.isfinite(value) and not (_NUMBER.fullmatch(number) and abs(value) <= LARGEST):
-        raise ValueError(
-            f"expected a number such as -1.5 or 2e-3, of at most {LARGEST:g}, got {cell[:40]!r}"
-        )
-    return value
 
 
 def load_program(name: str) -> LoadProgram:

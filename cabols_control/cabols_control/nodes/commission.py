@@ -14,7 +14,6 @@ import rclpy
 from cabols_msgs.action import CommissionLimb
 from numpy.lib.recfunctions import structured_to_unstructured
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -42,6 +41,7 @@ from cabols_control.result_code import NOT_YET, ResultCode
 from cabols_control.rig import Rig, load_rig
 from cabols_control.ros import transport
 from cabols_control.ros.limb_trace import LimbTrace
+from cabols_control.ros.threads.node_executor import NodeExecutor
 from cabols_control.topics import NAMESPACE
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
@@ -68,7 +68,7 @@ class Tool:
         self._rig = rig
         self._node = rclpy.create_node("commission", namespace=NAMESPACE)
         self._client = ActionClient(self._node, CommissionLimb, "commission_limb")
-        self._executor = SingleThreadedExecutor()
+        self._executor = NodeExecutor()
         self._executor.add_node(self._node)
         self._trace = LimbTrace(self._node, rig)
         self._trace.start()

@@ -148,7 +148,6 @@ class Input:
             error = str(caught)
         if self.judge is not None and not error and not self.judge(laid_out):
             return False
-        self.raw = raw
         self.received_ns = time.monotonic_ns()
         number = info["publication_sequence_number"]
         if self.dds_sequence and number > self.dds_sequence + 1:
@@ -157,6 +156,7 @@ class Input:
         self.error = error
         if error:
             return False
+        self.raw = raw
         self.laid_out = laid_out
         self._record = None
         self.stamp_ns = self._layout.stamp_of(self.laid_out)

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -39,6 +39,7 @@ from cabols_control.ros.status.diagnostics import Diagnostics, Health
 from cabols_control.ros.status.loop_log import LoopLog
 from cabols_control.ros.status.statistics import Durations
 from cabols_control.ros.threads.executor_thread import hand_over
+from cabols_control.ros.threads.node_executor import NodeExecutor
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.session import SessionFollower
 from cabols_control.topics import NAMESPACE
@@ -281,7 +282,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
         return 0
     if not node.context.ok():
         return 0
-    executor = SingleThreadedExecutor()
+    executor = NodeExecutor()
     executor.add_node(node)
     try:
         node.begin()
@@ -307,7 +308,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     return 0
 
 
-def _spin(node: ControlNode, executor: SingleThreadedExecutor, end: EndRequest) -> None:
+def _spin(node: ControlNode, executor: NodeExecutor, end: EndRequest) -> None:
     """Serve a node until its context ends, or it is asked to end and may."""
     told = False
     while node.context.ok():

@@ -12,6 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from cabols_control.ros.loop import subscribe_aside
 from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.threads.node_executor import taken_or_none
 from cabols_control.ros.topics import message_type
 
 ROS_TOPICS: dict[str, tuple[type, QoSProfile]] = {
@@ -38,7 +39,7 @@ class Reader:
     def take_timed(self) -> list[tuple[Any, int]]:
         """Take the same, each with its time of reception [ns], time.time_ns."""
         found = []
-        while (taken := self._handle.take_message(self._type, False)) is not None:
+        while (taken := taken_or_none(self._handle, self._type)) is not None:
             message, info = taken
             found.append((message, info["received_timestamp"] or time.time_ns()))
         return found

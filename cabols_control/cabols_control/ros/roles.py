@@ -12,6 +12,7 @@ from rclpy.node import Node
 from cabols_control.errors import CabolsError
 from cabols_control.ros.loop import subscribe_aside
 from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.threads.node_executor import taken_or_none
 from cabols_control.ros.topics import message_type
 
 LISTEN_S = 0.7
@@ -75,7 +76,7 @@ class RoleCheck:
         until_s = max(self._until_s, began_s + LATE_S)
         try:
             while node.context.ok():
-                taken = handle.take_message(self._type, False)
+                taken = taken_or_none(handle, self._type)
                 if taken is not None and concerns(taken[0]):
                     raise RoleTakenError(
                         f"{self._topic}: expected no other node that publishes it, got messages of "

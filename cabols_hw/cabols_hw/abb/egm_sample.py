@@ -10,6 +10,10 @@ from cabols_hw.abb.stream_quality import Refusal
 from cabols_hw.robot.interface import RobotSample
 
 AXES = 6
+FARTHEST_JOINT = 100.0
+"""No joint is ever there [rad]; NaN fails, too."""
+FARTHEST_M = 100.0
+"""No robot on a track is ever there [m]."""
 
 
 EgmSample = RobotSample
@@ -43,9 +47,12 @@ def read_packet(raw: bytes, received_s: float) -> EgmSample | tuple[Refusal, str
     turn = pose.orient
     quaternion = np.array([turn.u1, turn.u2, turn.u3, turn.u0])
     length = float(np.linalg.norm(quaternion))
-    finite = bool(np.isfinite(joints).all() and np.isfinite(position).all())
-    if not (finite and abs(length - 1.0) < 1e-3):
-        return Refusal.NOT_FINITE, f"a quaternion of length {length:.4g}"
+    possible = bool(
+        (np.abs(joints) < FARTHEST_JOINT).all() and (np.abs(position) < FARTHEST_M).all()
+    )
+    if not (possible and abs(length - 1.0) < 1e-3):
+        seen = f"a quaternion of length {length:.4g}" if possible else "numbers of no robot"
+        return Refusal.NOT_FINITE, seen
     clock = feedback.time
     time_ns = int(clock.sec) * 1_000_000_000 + int(clock.usec) * 1000
     if not feedback.HasField("time"):

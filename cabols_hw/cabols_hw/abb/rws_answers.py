@@ -43,7 +43,7 @@ def content_of(answer: HttpAnswer) -> Content:
     content = _text(answer)
     try:
         if content.startswith("{"):
-            return _from_json(json.loads(content))
+            return _from_json(json.loads(content, object_pairs_hook=_each_once))
         if content.startswith("<"):
             return _from_xml(content)
     except (ValueError, ElementTree.ParseError, RecursionError):
@@ -151,6 +151,14 @@ def _text(answer: HttpAnswer) -> str:
     return answer.body.decode("latin-1").lstrip()
 
 
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Refuse a name that stands twice in an object: which holds?"""
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise ValueError("a name twice")
+    return found
+
+
 def _from_json(data: Any) -> Content:
     if not isinstance(data, dict):
         return Content()
@@ -192,5 +200,5 @@ def _from_xml(content: str) -> Content:
 def _number(value: Any) -> int:
     try:
         return int(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return 0

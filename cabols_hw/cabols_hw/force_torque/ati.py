@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.errors import ConfigError
+from cabols_control.plain_numbers import plain_number
 from cabols_control.rotations import cross_matrix
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
@@ -115,7 +116,7 @@ def parse_calibration(
     """
     try:
         sensor = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise ConfigError(f"{name}: expected the XML of an ATI calibration, got {error}") from error
     calibration = _chosen(sensor, name, part_number)
     _six_gauges(sensor, name)
@@ -245,7 +246,7 @@ def _finished(
 
 def _number(text: str) -> float:
     try:
-        return float(text)
+        return plain_number(text.strip())
     except ValueError:
         return float("nan")
 

@@ -108,11 +108,13 @@ def load_bias(path: Path, serial: str) -> SensorBias | None:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: the sensor's bias cannot be read ({error})") from error
     try:
-        content: dict[str, Any] = json.loads(text)
+        content: dict[str, Any] = json.loads(text, object_pairs_hook=_each_once)
         form, found = content["form"], content["serial"]
-        volts = finite_array("volts", content["volts"], (6,))
-        weight = finite_array("tare_weight", content["tare_weight"], (6,))
-        time_ns = int(content["time_ns"])
+        volts = finite_array("volts", _numbers(content["volts"]), (6,))
+        weight = finite_array("tare_weight", _numbers(content["tare_weight"]), (6,))
+        time_ns = content["time_ns"]
+        if not (type(time_ns) is int and 0 <= time_ns < 1 << 63):
+            raise ValueError(f"time_ns: expected a time in ns, got {time_ns!r}")
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError, CabolsError) as error:
         raise ConfigError(
             f"{path}: expected a sensor's bias as the bridge writes it ({error}); delete the file, "
@@ -124,3 +126,18 @@ def load_bias(path: Path, serial: str) -> SensorBias | None:
             f"{form!r}; after an exchange of the sensor delete the file and tare with slack cables"
         )
     return SensorBias(serial, time_ns, volts, weight)
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Refuse a key that stands twice, of which JSON takes the last."""
+    content = dict(pairs)
+    if len(content) != len(pairs):
+        raise ValueError("expected each key once, got one twice")
+    return content
+
+
+def _numbers(values: Any) -> Any:
+    """Refuse true, false and text, which numpy reads as numbers."""
+    if not (isinstance(values, list) and all(type(value) in (int, float) for value in values)):
+        raise TypeError(f"expected a list of numbers, got {str(values)[:80]}")
+    return values

@@ -26,6 +26,9 @@ UNBELIEVABLE = 0.1
 FINEST = 0.003
 """Smallest believable standard deviation, as a share of the configured noise of one sample."""
 
+AIR_C = (-50.0, 80.0)
+"""Air in which a tracker measures [degrees Celsius]; one that knows none says NaN or nothing."""
+
 TIME_S = 5.0
 """Largest disagreement of a measurement's time with the tracker's clock [s]."""
 
@@ -71,6 +74,9 @@ def measure_fault(
             f"expected samples within {1e3 * config.rms_max:.3g} mm rms of their mean, got "
             f"{1e3 * rms:.4g} mm: does the platform move, or does the server report in other units?"
         )
+    temperature = float(reply.temperature_c)
+    if not (math.isnan(temperature) or AIR_C[0] <= temperature <= AIR_C[1]):
+        return f"expected an air temperature of {AIR_C[0]:g} to {AIR_C[1]:g} C, got {temperature:g}"
     if covariance is None or not (np.isfinite(position).all() and np.isfinite(covariance).all()):
         return ""
     return _covariance_fault(covariance, rms, int(reply.samples), position, config)

@@ -9,6 +9,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.naming import number
+from cabols_control.plain_numbers import plain_integer, plain_number
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measurements.window import WindowAverage
 
@@ -109,10 +110,10 @@ def from_cells(cells: Sequence[str], limbs: int) -> MeasuredLoad:
     if len(cells) != expected:
         raise CampaignError(f"expected {expected} cells, got {len(cells)}")
     try:
-        whole = [int(cell) for cell in cells[:8]]
-        numbers = np.array([float(cell) for cell in cells[8:]])
+        whole = [plain_integer(cell) for cell in cells[:8]]
+        numbers = np.array([plain_number(cell) for cell in cells[8:]])
     except ValueError as error:
-        raise CampaignError(f"expected numbers, got {error}") from error
+        raise CampaignError(str(error)) from error
     tension, joints, wrench, deviation, upper, position, rest = np.split(
         numbers, np.cumsum([limbs, 6, 6, 6, UPPER[0].size, 3])
     )

@@ -11,13 +11,13 @@ from typing import Any
 import rclpy
 from cabols_msgs.action import RunStiffnessTest
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from cabols_control.command_line import command
 from cabols_control.naming import configuration_name, reflector_name
 from cabols_control.ros import transport
+from cabols_control.ros.threads.node_executor import NodeExecutor
 from cabols_control.topics import NAMESPACE
 from cabols_stiffness.campaign.command import run_campaign_parser
 
@@ -40,7 +40,7 @@ class Client:
         self._line = ""
         self._ended = False
         self._node = rclpy.create_node("run_campaign", namespace=NAMESPACE)
-        self._executor = SingleThreadedExecutor()
+        self._executor = NodeExecutor()
         self._executor.add_node(self._node)
         self._client = ActionClient(self._node, RunStiffnessTest, "run_stiffness_test")
 

@@ -14,6 +14,7 @@ from rclpy.serialization import deserialize_message
 
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.writer import BagWriter
+from cabols_control.cdr import LayoutError
 from cabols_control.ros import topics
 from cabols_control.ros.loop import Input, make_wait_set, subscribe_aside, wait_for
 from cabols_control.ros.node import ControlNode
@@ -27,6 +28,7 @@ from cabols_stiffness.measurements.window import Rolling
 GATHER_S = 0.01
 IDLE_NS = 50_000_000
 DEPTH = 4000
+JOINTS = 6
 """Depth of the queue: no sample may be lost, also when this process is late."""
 KEPT_WRENCHES, KEPT_JOINTS = 120_000, 40_000
 FLUSH_S = 0.5
@@ -106,14 +108,16 @@ class Stream:
             if bag is not None:
                 received = info["received_timestamp"] or time.time_ns()
                 bag.add(self.topic, raw, received, info["source_timestamp"])
-            stamp, row = self._numbers(raw)
-            stamps.append(stamp)
-            rows.append(row)
+            found = self._numbers(raw)
+            if found is not None:
+                stamps.append(found[0])
+                rows.append(found[1])
         if stamps:
             self.rolling.add(np.array(stamps, dtype=np.int64), np.array(rows))
         return len(stamps)
 
-    def _numbers(self, raw: bytes) -> tuple[int, Any]:
+    def _numbers(self, raw: bytes) -> tuple[int, Any] | None:
+        """Stamp [ns] and row of a message; None for bytes that are no such message."""
         raise NotImplementedError
 
 
@@ -124,8 +128,11 @@ class WrenchStream(Stream):
         super().__init__(node, "wrench", 6, KEPT_WRENCHES, lockstep)
         self._layout = topics.wrench_layout(node.rig.geometry.platform_frame)
 
-    def _numbers(self, raw: bytes) -> tuple[int, Any]:
-        record = self._layout.read(raw)
+    def _numbers(self, raw: bytes) -> tuple[int, Any] | None:
+        try:
+            record = self._layout.read(raw)
+        except LayoutError:
+            return None
         return int(column_ns(record)), record["wrench"]
 
 
@@ -133,10 +140,16 @@ class JointStream(Stream):
     """The robot's encoders."""
 
     def __init__(self, node: ControlNode, lockstep: bool) -> None:
-        super().__init__(node, "joint_states", 6, KEPT_JOINTS, lockstep)
+        super().__init__(node, "joint_states", JOINTS, KEPT_JOINTS, lockstep)
 
-    def _numbers(self, raw: bytes) -> tuple[int, Any]:
-        message = deserialize_message(raw, self._type)
+    def _numbers(self, raw: bytes) -> tuple[int, Any] | None:
+        try:
+            message = deserialize_message(raw, self._type)
+        except Exception:
+            # rclpy has no error of its own for bytes that are none of a type.
+            return None
+        if len(message.position) != JOINTS:
+            return None
         return time_ns(message.header.stamp), np.array(message.position)
 
 

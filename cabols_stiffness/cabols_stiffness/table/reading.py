@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, IntArray
+from cabols_control.plain_numbers import LARGEST_SCALED, plain_number
 from cabols_stiffness.table.units import JOINT, Meaning, TableError, meaning
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+WHOLE = frozenset({"configuration", "load", "reflector", "group", "branch"})
+LARGEST_INDEX = 1e9
 NOTHING = frozenset({"", "nan", "na", "n/a", "none", "-", "null"})
 """Cells that hold no number."""
 
@@ -82,6 +86,8 @@ def read_table(
             raise TableError(f"{path}: expected one column for {found.role}, got two")
         values = [_number(cells[index], line, headers[index], path) for line, cells in rows]
         columns[found.role] = found.factor * np.array(values)
+        if found.role in WHOLE:
+            _check_whole(columns[found.role], [line for line, _ in rows], headers[index], path)
     missing = [f"q{j + 1}" for j in range(joints) if f"q{j + 1}" not in columns]
     more = [role for role in columns if JOINT.match(role) and int(role[1:]) > joints]
     if missing or more:
@@ -108,14 +114,14 @@ def _cells(path: Path) -> tuple[list[tuple[int, list[str]]], list[str]]:
         raise TableError(f"{path}: expected a table as UTF-8 text, got {error}") from error
     lines = [
         (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
+        # Not splitlines(), which takes eight more characters for ends of lines.
+        for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)
         if line.strip() and not line.startswith("#")
     ]
     if len(lines) < 2:
         raise TableError(f"{path}: expected a line of headers and rows, got {len(lines)} lines")
     mark = max(",;\t", key=lines[0][1].count)
-    cells_of = csv.reader([line for _, line in lines], delimiter=mark)
-    table = [(number, cells) for (number, _), cells in zip(lines, cells_of, strict=True)]
+    table = [(number, _split(path, number, line, mark)) for number, line in lines]
     headers = [cell.strip() for cell in table[0][1]]
     for line, cells in table[1:]:
         if len(cells) != len(headers):
@@ -123,6 +129,14 @@ def _cells(path: Path) -> tuple[list[tuple[int, list[str]]], list[str]]:
                 f"{path}: line {line}: expected {len(headers)} cells, got {len(cells)}"
             )
     return table[1:], headers
+
+
+def _split(path: Path, number: int, line: str, mark: str) -> list[str]:
+    """Cells of a line, which holds a whole row: no cell goes on in the next line."""
+    try:
+        return next(csv.reader([line + "\n"], delimiter=mark, strict=True))
+    except (csv.Error, StopIteration) as error:
+        raise TableError(f"{path}: line {number}: expected cells of CSV, got {error}") from error
 
 
 def _meanings(
@@ -147,9 +161,15 @@ def _number(cell: str, line: int, header: str, path: str | Path) -> float:
     if text.lower() in NOTHING:
         return float("nan")
     try:
-        value = float(text)
-    except ValueError:
-        value = float("inf")
-    if np.isinf(value):
-        raise TableError(f"{path}: line {line}: {header}: expected a number, got {cell!r}")
-    return value
+        return plain_number(text, LARGEST_SCALED)
+    except ValueError as error:
+        raise TableError(f"{path}: line {line}: {header}: {error}") from error
+
+
+def _check_whole(values: FloatArray, lines: list[int], header: str, path: str | Path) -> None:
+    """Refuse indices that are no whole numbers."""
+    for value, line in zip(values, lines, strict=True):
+        if np.isfinite(value) and not (value == np.round(value) and abs(value) < LARGEST_INDEX):
+            raise TableError(
+                f"{path}: line {line}: {header}: expected a whole number, got {value:g}"
+            )

@@ -14,6 +14,8 @@ HEAD = struct.Struct("<QQQII")
 SIZE = struct.Struct("<Q")
 HEAD_MAX = HEAD.size + 4 + SIZE.size
 """Longest head: that of a compression of four letters [bytes]."""
+LARGEST = 1 << 28
+"""Most records of a chunk that are looked for without a size [bytes]."""
 COMPRESSIONS = (b"", b"lz4", b"zstd")
 
 
@@ -56,6 +58,26 @@ def records(content: bytes) -> bytes:
     if checksum and crc32(found) != checksum:
         raise ChunkError("its checksum does not hold")
     return found
+
+
+def records_by_checksum(content: bytes) -> bytes:
+    """Records of a chunk whose size is announced wrongly, but whose checksum holds.
+
+    Args:
+        content: of the chunk.
+
+    Returns:
+        The records; empty if no checksum proves them.
+    """
+    if content_size(content) != len(content) or not checked(content):
+        return b""
+    _, _, _, checksum, name_size = HEAD.unpack_from(content)
+    start = HEAD.size + name_size
+    try:
+        found = _decompress(content[HEAD.size : start], content[start + SIZE.size :], LARGEST)
+    except ChunkError:
+        return b""
+    return found if len(found) <= LARGEST and crc32(found) == checksum else b""
 
 
 def checked(content: bytes) -> bool:

@@ -159,8 +159,9 @@ class Salvage:
             try:
                 found = chunks.records(content)
             except chunks.ChunkError as error:
-                self._damage(f"a damaged chunk ({error})", FRAME.size + len(content))
-                return
+                found = chunks.records_by_checksum(content)
+                lost = 0 if found else FRAME.size + len(content)
+                self._damage(f"a damaged chunk ({error})", lost)
             yield from self._inside(found)
         elif opcode == Opcode.MESSAGE and len(content) < MESSAGE.size:
             self._short(content)

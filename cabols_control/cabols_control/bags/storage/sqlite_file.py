@@ -52,7 +52,10 @@ class SqliteFile:
         try:
             with contextlib.closing(self._open()) as connection:
                 yield from self._messages(connection)
-        except (sqlite3.Error, OSError, ValueError, TypeError, OverflowError) as error:
+        except (
+            *(sqlite3.Error, OSError, ValueError, TypeError, OverflowError, KeyError),
+            MemoryError,  # of a row that announces more than there is
+        ) as error:
             raise BagError(
                 f"{self._path}: expected a readable sqlite3 bag, got one with {error}; "
                 "mend it with sqlite3's own `.recover`"
@@ -83,6 +86,8 @@ class SqliteFile:
         found = {}
         definitions = self._definitions(connection)
         for row in _rows(connection, "topics"):
+            if not (isinstance(row["name"], str) and isinstance(row["type"], str)):
+                raise TypeError("a topic without name or type")
             encoding, text = definitions.get(row["type"], ("", b""))
             schema = Schema(0, row["type"], encoding, text)
             metadata = {QOS: row.get("offered_qos_profiles") or ""}

@@ -10,7 +10,7 @@ from typing import Any
 
 import rclpy
 from cabols_msgs.msg import LoopStatus, Mode
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from cabols_control.ros import transport
@@ -21,6 +21,7 @@ from cabols_control.ros.rig_client.errors import AbandonedError, RigFaultError, 
 from cabols_control.ros.sessions import ModeFilter
 from cabols_control.ros.stops import StopSender
 from cabols_control.ros.threads.executor_thread import hand_over
+from cabols_control.ros.threads.node_executor import NodeExecutor
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.topics import LIVE, NAMESPACE, Quality, topic_row
 
@@ -80,7 +81,7 @@ class RigConnection:
         self._context = rclpy.Context()
         transport.init(context=self._context, domain_id=domain)
         node = rclpy.create_node(name, namespace=NAMESPACE, context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(node)
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)
         return node

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError, DataFileError
 from cabols_control.geometry import RigGeometry
+from cabols_control.plain_numbers import plain_number
 from cabols_control.workspace.grid import WorkspaceMap
 from cabols_control.workspace.surface import Mesh
 
@@ -91,8 +93,9 @@ def read_poses(path: Path) -> tuple[FloatArray, FloatArray]:
         DataFileError: naming file, line and column if it cannot be used.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream)
+            _once(path, reader.fieldnames or ())
             missing = set(POSE_COLUMNS) - set(reader.fieldnames or ())
             if missing:
                 raise DataFileError(
@@ -102,20 +105,32 @@ def read_poses(path: Path) -> tuple[FloatArray, FloatArray]:
             rows = [_pose(path, reader.line_num, row) for row in reader]
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise DataFileError(f"{path}: expected CSV as UTF-8 text, got {error}") from error
     if not rows:
         raise DataFileError(f"{path}: expected at least one pose, got none")
     table = np.array(rows)
     return table[:, :3], Rotation.from_euler("XYZ", table[:, 3:], degrees=True).as_matrix()
 
 
+def _once(path: Path, names: Sequence[str]) -> None:
+    """Refuse a column that stands twice: which holds?"""
+    twice = [name for name in POSE_COLUMNS if names.count(name) > 1]
+    if twice:
+        raise DataFileError(f"{path}: expected each column once, got {', '.join(twice)} twice")
+
+
 def _pose(path: Path, line: int, row: dict[str, str]) -> list[float]:
+    if None in row or None in row.values():
+        raise DataFileError(f"{path}, line {line}: expected as many cells as columns, got {row}")
     try:
-        values = [float(row[name]) for name in POSE_COLUMNS]
-    except (TypeError, ValueError) as error:
+        [float(row[name]) for name in POSE_COLUMNS]
+    except ValueError as error:
         raise DataFileError(f"{path}, line {line}: expected six numbers, got {row}") from error
-    if not np.isfinite(values).all():
-        raise DataFileError(f"{path}, line {line}: expected finite numbers, got {values}")
-    return values
+    try:
+        return [plain_number(row[name]) for name in POSE_COLUMNS]
+    except ValueError as error:
+        raise DataFileError(f"{path}, line {line}: {error}") from error
 
 
 def write_geometry(geometry: RigGeometry, path: Path, comment: str) -> None:
