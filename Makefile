@@ -172,6 +172,9 @@ bench-analysis: setup  ## memory and time of analysing bags of up to an hour
 corpus: setup  ## read files in the forms that others write, and print the table of what is right
 	@$(BIN)/python tests/corpus/check.py
 
+fuzz: setup  ## fuzz every parser and socket for ten minutes; goes on where it was; ARGS="--minutes 1"
+	@$(BIN)/python tests/fuzz/fuzz.py $(ARGS)
+
 setup:  ## make .venv and build the workspace into it (done by the others when needed)
 	@test -n "$(HOST_PYTHON)" || { echo "setup: no Python found." \
 		"Install: sudo apt install python3 python3-venv python3-dev" >&2; exit 1; }

@@ -40,7 +40,7 @@ HEAD = ",".join(CSV_HEADER)
 
 @pytest.mark.parametrize("text", ODD)
 def test_no_number(text):
-    with pytest.raises(ValueError, match="expected|could not"):
+    with pytest.raises(ValueError, match=r"expected|could not"):
         plain_number(text)
     with pytest.raises(ValueError, match="expected"):
         plain_integer(text)

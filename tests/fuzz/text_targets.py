@@ -38,6 +38,7 @@ from cabols_stiffness.campaign.plan import load_plan
 from cabols_stiffness.measurements.measured_load import columns, to_cells
 from cabols_stiffness.table.reading import NOTHING, read_table
 
+COLON_IN_FLOW = re.compile(r"[{\[,][^\n]*:[^\s]")
 SHORT = (
     b"a: 1\nb: [1.5, -2e3, .inf]\nc: {d: true, e: text}\n",
     b"x: &p {y: 1}\nz: *p\nw:\n  - 0\n  - 1e6\n  - ~\n",
@@ -88,6 +89,9 @@ def open_yaml() -> Callable[[bytes], bool]:
             found = parse(text).content
         except CabolsError:
             return False
+        if COLON_IN_FLOW.search(text):
+            # `{a:b:}`: the readers of YAML do not agree on what is key and what is value.
+            return True
         try:
             theirs = other.load(text)
         except DuplicateKeyError:

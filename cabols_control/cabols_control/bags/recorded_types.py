@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_typestore
@@ -107,7 +107,7 @@ def has_header(channel: ChannelInfo) -> bool:
     return next(fields, "").split()[:1] in (["std_msgs/Header"], ["std_msgs/msg/Header"])
 
 
-@cache
+@lru_cache(maxsize=64)
 def _installed_text(type_name: str) -> str:
     try:
         return Definitions().get(type_name).text
