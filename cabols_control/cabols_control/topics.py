@@ -54,6 +54,8 @@ _LIMB_ARRAYS = (
     "current",
     "switch_closed",
     "zeroed",
+    "cable_speed",
+    "cable_acceleration",
 )
 _ROWS = (
     Topic(
@@ -104,6 +106,12 @@ _ROWS = (
         live=True,
     ),
     Topic(
+        "frame_wrench",
+        "cabols_msgs/msg/FrameWrench",
+        Quality.CONTROL,
+        "desired and measured wrench [N, N m] in the frame of desired_wrench, about its origin",
+    ),
+    Topic(
         "desired_tension",
         "cabols_msgs/msg/DesiredTension",
         Quality.CONTROL,
@@ -116,6 +124,12 @@ _ROWS = (
         Quality.CONTROL,
         "pose of the platform in the rig's base frame [m], from the robot",
         live=True,
+    ),
+    Topic(
+        "path_motion",
+        "cabols_msgs/msg/PathMotion",
+        Quality.CONTROL,
+        "motion of the robot under load: speeds that the safety envelope is to allow",
     ),
     Topic(
         "mode",

@@ -35,11 +35,21 @@ FIELDS: dict[str, dict[str, tuple[str, str]]] = {
         **_same("m", "wound_length", "elongation"),
         **_same("n", "tension"),
         **_same("a", "current"),
+        **_same("m_per_s", "cable_speed"),
+        **_same("m_per_s2", "cable_acceleration"),
     },
     "cabols_msgs/msg/MotorCurrent": _same("a", "current"),
     "cabols_msgs/msg/TensionCommand": {
         **_same("n", "tension"),
         **_same(WRENCH, "control", "residual", "desired"),
+    },
+    "cabols_msgs/msg/FrameWrench": {
+        **_below("desired", _WRENCH),
+        **_below("measured", _WRENCH),
+    },
+    "cabols_msgs/msg/PathMotion": {
+        **_same("m_per_s", "speed"),
+        **_same("rad_per_s", "rotation_speed"),
     },
     "cabols_msgs/msg/DesiredTension": _same("n", "tension"),
     "cabols_msgs/msg/LoopStatus": _same(
