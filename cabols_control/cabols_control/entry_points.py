@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cabols_control.commissioning.command import commission_parser
+from cabols_control.commissioning.command import commission_parser, power_on_parser
 from cabols_control.node_command import node, tool
 
 NODES = "cabols_control.nodes"
@@ -14,3 +14,4 @@ recorder = node("recorder", f"{NODES}.recorder")
 console = node("console", f"{NODES}.console")
 markers = node("markers", f"{NODES}.markers")
 commission = tool(f"{NODES}.commission", commission_parser)
+first_power_on = tool(f"{NODES}.first_power_on", power_on_parser)

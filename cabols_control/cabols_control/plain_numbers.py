@@ -18,36 +18,36 @@ _WHOLE = re.compile(r"[+-]?[0-9]{1,19}")
 _SHOWN = 40
 
 
-def plain_number(text: str, largest: float = LARGEST) -> float:
+def plain_number(cell: str, largest: float = LARGEST) -> float:
     """Read a finite decimal number in the digits 0 to 9.
 
     Args:
-        text: blanks and tabs around the number are left out.
+        cell: blanks and tabs around the number are left out.
         largest: greatest absolute value.
 
     Raises:
         ValueError: if it is none; the message says what was expected and what came.
     """
-    word = text.strip(" \t")
+    word = cell.strip(" \t")
     value = float(word)
     if not (_NUMBER.fullmatch(word) and abs(value) <= largest):
         raise ValueError(
             f"expected finite numbers such as -1.5 or 2e-3, of at most {largest:g}, got "
-            f"{text[:_SHOWN]!r}"
+            f"{cell[:_SHOWN]!r}"
         )
     return value
 
 
-def plain_integer(text: str) -> int:
+def plain_integer(cell: str) -> int:
     """Read a whole number of at most 64 bits in the digits 0 to 9.
 
     Args:
-        text: blanks and tabs around the number are left out.
+        cell: blanks and tabs around the number are left out.
 
     Raises:
         ValueError: if it is none; the message says what was expected and what came.
     """
-    word = text.strip(" \t")
+    word = cell.strip(" \t")
     if not (_WHOLE.fullmatch(word) and abs(int(word)) <= LARGEST_WHOLE):
-        raise ValueError(f"expected a whole number such as 12, got {text[:_SHOWN]!r}")
+        raise ValueError(f"expected a whole number such as 12, got {cell[:_SHOWN]!r}")
     return int(word)

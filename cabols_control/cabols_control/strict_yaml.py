@@ -124,12 +124,7 @@ def parse(text: str) -> Document:
     """
     if len(text) > MAX_LETTERS:
         raise ConfigError(f"expected at most {MAX_LETTERS} letters, got {len(text)}")
-    if found := _ODD_BREAK.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        raise ConfigError(
-            f"line {line}: expected lines that end by a line feed, got the character "
-            f"U+{ord(found[0]):04X}, which YAML 1.1 and 1.2 read differently; delete it"
-        )
+    _check_breaks(text)
     try:
         _check_depth(text)
         loader = _Loader(text)
@@ -152,6 +147,17 @@ def parse(text: str) -> Document:
         if isinstance(error, ConfigError):
             raise
         raise ConfigError(f"expected YAML, got {shown(str(error))}") from error
+
+
+def _check_breaks(content: str) -> None:
+    """Refuse ends of lines that YAML's versions read differently."""
+    found = _ODD_BREAK.search(content)
+    if found:
+        line = content[: found.start()].count("\n") + 1
+        raise ConfigError(
+            f"line {line}: expected lines that end by a line feed, got the character "
+            f"U+{ord(found[0]):04X}, which YAML 1.1 and 1.2 read differently; delete it"
+        )
 
 
 def _check_depth(text: str) -> None:

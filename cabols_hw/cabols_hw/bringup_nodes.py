@@ -16,6 +16,7 @@ BRIDGE = NodeSpec(
         "card_file",
         "safety_file",
         "bias_file",
+        "power_on_check",
         "watchdog",
         "cpu_latency_us",
         "cpu",
@@ -50,6 +51,12 @@ ARGUMENTS = (
         "",
         "file of the force/torque sensor's bias; empty: in the user's state folder, for the "
         "simulated rig none",
+    ),
+    Argument(
+        "power_on_check",
+        "auto",
+        "required: nothing but the check first_power_on moves before it has passed; off; auto: "
+        "required of a rig, off for the simulated one",
     ),
     Argument(
         "robot_configurations_file",

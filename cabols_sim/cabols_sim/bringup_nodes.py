@@ -20,6 +20,7 @@ PLANT = NodeSpec(
         "card_file",
         "safety_file",
         "bias_file",
+        "power_on_check",
         "robot_configurations_file",
         "watchdog",
         "cpu_latency_us",

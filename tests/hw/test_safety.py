@@ -11,6 +11,7 @@ from cabols_control.errors import ConfigError
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import FAULTS, Reaction
+from cabols_hw.safety.first_power_on import PowerOnBound
 from cabols_sim.faults import KINDS, FaultError, PlantFaults
 from rig_harness import RigInOneProcess
 
@@ -251,6 +252,31 @@ def test_cards_own_watchdog_is_a_fault(loaded):
     loaded.cycle()
     assert loaded.guard.fault.name == "card"
     assert not loaded.plant.current.any()
+
+
+def test_unchecked_wiring_bounds_currents_modes_and_ways(loaded):
+    bound = PowerOnBound(8)
+    wound, asked = np.zeros(8), np.zeros(8)
+    asked[3] = -2.0
+    for mode in OperatingMode:
+        assert bound.judge(mode, wound) is None
+        moves = mode == OperatingMode.COMMISSIONING
+        np.testing.assert_array_equal(bound.bounded(mode, asked), -0.1 * moves * (asked < 0.0))
+    # One limb in a mode: another one, or several, get nothing.
+    assert bound.judge(OperatingMode.COMMISSIONING, wound) is None
+    bound.bounded(OperatingMode.COMMISSIONING, asked)
+    asked[5] = 1.0
+    output = bound.bounded(OperatingMode.COMMISSIONING, asked)
+    assert np.flatnonzero(output).tolist() == [3]
+    for way in (0.0071, -0.0071, float("nan")):
+        wound[6] = way
+        assert bound.judge(OperatingMode.COMMISSIONING, wound).name == "first_power_on"
+    wound[6] = 0.0069
+    assert bound.judge(OperatingMode.COMMISSIONING, wound) is None
+    # In the rig under load: nothing but rest is left, and the fault is the bridge's.
+    loaded.guard.power_on = PowerOnBound(8)
+    loaded.cycle()
+    assert not loaded.guard.output(OperatingMode.LOADING).any()
 
 
 def test_current_at_its_limit_for_long(loaded):

@@ -26,3 +26,19 @@ def commission_parser() -> CommandParser:
     for name in ("geometry", "limbs", "control"):
         add(f"--{name}-file", type=existing_file, default="", help="as the rig runs with")
     return parser
+
+
+POWER_ON_TEXT = """Check a rig's wiring at its first power-on.
+
+Winds one limb after the other at 0.1 A for at most 5 mm, with slack cables, and compares what
+moved, which switch closed and what the force/torque sensor felt with the configuration. Until all
+limbs have passed, the rig's bridge lets nothing else move."""
+
+
+def power_on_parser() -> CommandParser:
+    """Return the parser of `first_power_on`."""
+    parser = CommandParser("first_power_on", POWER_ON_TEXT)
+    rig_option(parser)
+    parser.add_argument("--limb", type=int, action="append", help="from 1; repeat; default: all")
+    parser.add_argument("--file", type=Path, default=None, help="result; default: the state folder")
+    return parser

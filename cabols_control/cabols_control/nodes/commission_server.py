@@ -12,6 +12,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 
 from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.commissioning.first_power_on import PowerOnProgramme, WiringFault, judge_limb
 from cabols_control.commissioning.programmes import (
     CommissioningConfig,
     CommissioningError,
@@ -22,6 +23,7 @@ from cabols_control.commissioning.programmes import (
 )
 from cabols_control.commissioning.results import evaluate_ramp, evaluate_step
 from cabols_control.errors import CabolsError
+from cabols_control.kinematics import structure_matrix
 from cabols_control.limb_control.controller import LimbController
 from cabols_control.naming import limb_names
 from cabols_control.result_code import NOT_YET, ResultCode
@@ -64,7 +66,7 @@ class CommissionServer:
         self._node = node
         self._controller = controller
         self._busy = False
-        self._ramp: RampProgramme | None = None
+        self._ramp: RampProgramme | PowerOnProgramme | None = None
         self._wrench: Input | None = None
         self._modes = node.create_client(SetMode, "set_mode")
         self._server = ActionServer(
@@ -92,7 +94,7 @@ class CommissionServer:
         request = handle.request
         nan = float("nan")
         result = CommissionLimb.Result(
-            gain=nan, time_constant=nan, fit=nan, stiffness=nan, stiffness_fit=nan
+            gain=nan, time_constant=nan, fit=nan, stiffness=nan, stiffness_fit=nan, partner=-1
         )
         if self._busy:
             handle.abort()
@@ -103,6 +105,8 @@ class CommissionServer:
         told: list[str] = []
         try:
             config = self._judge(request)
+            if request.first_power_on:
+                told.append(await self._do_power_on(handle, request.limb, result))
             if request.step:
                 told.append(await self._do_step(handle, request.limb, config, result))
             if request.ramp:
@@ -133,8 +137,11 @@ class CommissionServer:
                 f"limb: expected one of the indices {limbs} (from 0), got {request.limb}",
                 ResultCode.BAD_REQUEST,
             )
-        if not (request.step or request.ramp):
+        if not (request.step or request.ramp or request.first_power_on):
             reason = "expected step or ramp, or both, got neither"
+            raise CommissioningError(reason, ResultCode.BAD_REQUEST)
+        if request.first_power_on and (request.step or request.ramp):
+            reason = "expected the check at first power-on alone, got step or ramp with it"
             raise CommissioningError(reason, ResultCode.BAD_REQUEST)
         if self._node.seen_mode != OperatingMode.STOPPED:
             raise CommissioningError(
@@ -148,6 +155,35 @@ class CommissionServer:
             )
         except CabolsError as error:
             raise CommissioningError(str(error), ResultCode.BAD_REQUEST) from error
+
+    async def _do_power_on(self, handle: Any, limb: int, result: Any) -> str:
+        """Wind one limb a little, and compare what moved and pulled with the configuration."""
+        node = self._node
+        geometry = node.rig.geometry
+        wrenches = topics.wrench_layout(geometry.platform_frame)
+        wrench = Input(node, "wrench", wrenches, node.lockstep)
+        pose = Input(node, "platform_pose", topics.pose_layout(geometry), node.lockstep)
+        programme = PowerOnProgramme(limb, geometry.cables)
+        try:
+            await self._enter(OperatingMode.COMMISSIONING)
+            position, rotation = _pose_of(pose, node.rig)
+            self._ramp, self._wrench = programme, wrench
+            await self._run(handle, programme)
+        finally:
+            self._ramp = self._wrench = None
+            await pause(node, POLL_S)
+            node.destroy_subscription(wrench.subscription)
+            node.destroy_subscription(pose.subscription)
+        await self._enter(OperatingMode.STOPPED)
+        pull = programme.pull
+        felt = np.concatenate([rotation @ pull[:3], rotation @ pull[3:]])
+        structure = structure_matrix(geometry, position, rotation)
+        rated = np.asarray(node.rig.control.rated)
+        found = judge_limb(limb, programme.moved, programme.closed, felt, structure, rated)
+        result.wiring, result.partner = int(found.fault), found.partner
+        if found.fault != WiringFault.NONE:
+            raise CommissioningError(found.told(limb), ResultCode.FAILED)
+        return found.told(limb)
 
     async def _do_step(
         self, handle: Any, limb: int, config: CommissioningConfig, result: Any

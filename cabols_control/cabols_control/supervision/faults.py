@@ -32,6 +32,8 @@ class FaultName(str, Enum):
     STATE_AGE = "state_age"
     COMMAND_AGE = "command_age"
     CARD = "card"
+    FIRST_POWER_ON = "first_power_on"
+    """The rig's wiring has not been checked: one limb moves at a time, at 0.1 A, for 5 mm."""
     # Found by controllers and by the bridge in what they receive.
     CLOCK = "clock"
     """The samples' clock went back."""

@@ -80,6 +80,7 @@ class Supervision:
         self._reset_s = -np.inf
         self._reports: dict[str, float] = {}
         self._untared: dict[str, str] = {}
+        self._unchecked: dict[str, str] = {}
         self._leaving: dict[str, str] = {}
         self._recorded_s = np.inf
         self._complaints: dict[str, tuple[Fault, float]] = {}
@@ -208,6 +209,10 @@ class Supervision:
             node: its name.
             notice: what it says; None for nothing.
         """
+        if notice is not None and notice.name == FaultName.FIRST_POWER_ON:
+            self._note(self._unchecked, node, notice.reason)
+        else:
+            self._unchecked.pop(node, None)
         if notice is not None and notice.name == FaultName.NOT_TARED:
             self._note(self._untared, node, notice.reason)
         else:
@@ -315,6 +320,10 @@ class Supervision:
             if silent:
                 reason = f"no report from {', '.join(silent)}: not running?"
                 return Verdict(ResultCode.NOT_READY, reason)
+        if requested in MOVING and requested != OperatingMode.COMMISSIONING:
+            for node, reason in self._unchecked.items():
+                text = f"{node}: {reason}"
+                return Verdict(ResultCode.FAULT_REPORTED, text, FaultName.FIRST_POWER_ON)
         if requested == OperatingMode.LOADING:
             for node, reason in self._untared.items():
                 return Verdict(ResultCode.FAULT_REPORTED, f"{node}: {reason}", FaultName.NOT_TARED)

@@ -17,6 +17,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.state_folder import state_folder
 
 FORM = 1
 """Version of the file."""
@@ -45,12 +46,6 @@ class SensorBias:
             matrix: (6, 6) of the sensor's calibration [N/V, N m/V].
         """
         return self.volts - np.linalg.solve(matrix, self.tare_weight)
-
-
-def state_folder() -> Path:
-    """Folder for what a rig remembers: $XDG_STATE_HOME/cabols, or ~/.local/state/cabols."""
-    base = os.environ.get("XDG_STATE_HOME", "")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "cabols"
 
 
 def bias_path(serial: str) -> Path:

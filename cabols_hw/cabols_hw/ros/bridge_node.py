@@ -27,6 +27,7 @@ from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
 from cabols_hw.ros.bias_keeper import BiasKeeper
 from cabols_hw.ros.bridge_safety import bridge_safety
+from cabols_hw.ros.power_on import PowerOnGate
 from cabols_hw.ros.warm_up import warm_up_guard
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.guard import BridgeGuard
@@ -52,10 +53,10 @@ class BridgeNode(ControlNode):
     one thread does both and waits for the answer.
 
     Attributes:
-        keeps_bias: whether the sensor's bias is kept on the disk where no file is named.
+        is_rig: whether the sensor's bias is kept on the disk, and the wiring has to be checked.
     """
 
-    keeps_bias = True
+    is_rig = True
     role_topic = "live/limb_state"
 
     def __init__(self, name: str, make_daq: DaqFactory) -> None:
@@ -73,11 +74,12 @@ class BridgeNode(ControlNode):
         geometry = self.rig.geometry
         n = geometry.cables
         self.bridge = Bridge(self.rig, self._card)
-        self._bias_keeper = BiasKeeper(self, self.bridge, self._card, self.keeps_bias)
+        self._bias_keeper = BiasKeeper(self, self.bridge, self._card, self.is_rig)
         self._notice: Fault | None = None
         self._watchdog_s = declare_row(self, HW_NODES.argument("watchdog")) or self._card.watchdog
         self._safety_config = self.safety_config()
         self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
+        self._power_on = PowerOnGate(self, self._guard, self.is_rig)
         currents = topics.motor_current_layout(geometry, n)
         sessions = self.status.sessions
         self._current_input = Input(self, "motor_current", currents, self.lockstep)
@@ -376,7 +378,7 @@ class BridgeNode(ControlNode):
         answered = RUNNING if ready else WAITING
         if self.status.cycles % NOTICE_EVERY == 0:
             resting = self._mode not in MOVING and not self._guard.unloading.active
-            self._notice = self._bias_keeper.look(resting)
+            self._notice = self._power_on.look(resting) or self._bias_keeper.look(resting)
         if self._stops.fault is not None:
             self.status.cycle(stamp_ns, FAULT, self._stops.fault)
         elif fault is not None:
@@ -394,7 +396,5 @@ class BridgeNode(ControlNode):
         with self._lock:
             taut = self.bridge.tare()
         response.success = not taut
-        response.message = (
-            f"refused: {taut}" if taut else "taring; the status says if it is refused"
-        )
+        response.message = f"refused: {taut}" if taut else "taring; the status says if refused"
         return response

@@ -62,6 +62,7 @@ FAULTS: dict[FaultName, Reaction] = {
     FaultName.STATE_AGE: Reaction.CUT,
     FaultName.COMMAND_AGE: Reaction.CUT,
     FaultName.CARD: Reaction.CUT,
+    FaultName.FIRST_POWER_ON: Reaction.CUT,
 }
 """Every fault that the bridge finds, and its reaction.
 

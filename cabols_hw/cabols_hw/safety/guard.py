@@ -15,6 +15,7 @@ from cabols_hw.bridge.watchdog import CommandWatchdog, merge_into
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.envelope import SafetyEnvelope
 from cabols_hw.safety.faults import BRAKED, POSE_LOST, BridgeFault, Reaction
+from cabols_hw.safety.first_power_on import PowerOnBound
 
 
 class BridgeGuard:
@@ -30,6 +31,7 @@ class BridgeGuard:
         unloading: the bridge's own unloading.
         yielding: to a platform whose pose is lost.
         ending: set to unload at the next sample, because the process is to end.
+        power_on: bound of a rig whose wiring has not been checked; None: it has.
     """
 
     def __init__(self, rig: Rig, config: SafetyConfig, watchdog_s: float) -> None:
@@ -54,6 +56,7 @@ class BridgeGuard:
         self._moved = False
         self._emergency = False
         self.ending = False
+        self.power_on: PowerOnBound | None = None
         self._pressed = self._brakes = False
 
     @property
@@ -101,6 +104,10 @@ class BridgeGuard:
         before, recovers = self.fault, self._recovers
         self._judge_commands(now_s, mode, card_expired)
         self.safety.judge(now_s, bridge, mode, recovers)
+        if self.power_on is not None:
+            beyond = self.power_on.judge(mode, bridge.wound_length)
+            if beyond is not None:
+                self.safety.trip(beyond)
         fault, moved = self.fault, self._moved
         self._moved = mode in MOVING
         if mode == OperatingMode.STOPPED and before is not None:
@@ -147,6 +154,8 @@ class BridgeGuard:
             return self._rest
         if self.safety.relieves(mode):
             return pay_out_only(self._commanded, self.safety.speed)
+        if self.power_on is not None:
+            return self.power_on.bounded(mode, self._commanded)
         return self._commanded
 
     def emergency_stop(self) -> None:

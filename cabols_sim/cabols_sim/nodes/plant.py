@@ -102,7 +102,7 @@ class PlantNode(BridgeNode):
     devices take, so in lockstep the clock waits only for one that is not too old, and runs differ.
     """
 
-    keeps_bias = False
+    is_rig = False
     coupling: RobotCoupling | None = None
 
     def __init__(self) -> None:

@@ -15,6 +15,7 @@ from cabols_hw.card.config import ENCODER_MODULUS, CardConfig
 from cabols_sim.faults import PlantFaults
 from cabols_sim.plant.config import PlantConfig
 from cabols_sim.plant.limb_physics import LIMB_STATE, advance_limbs, cable_wrench
+from cabols_sim.plant.miswiring import Miswiring
 from cabols_sim.plant.target import RigidTarget, Target
 
 AMPLIFIER_LIMIT_A = 3.82
@@ -113,6 +114,7 @@ class Plant:
         target: what holds the platform.
         faults: what is made to go wrong.
         enabled: whether the amplifiers are on.
+        wiring: where the card's channels really end; None: where the configuration says.
     """
 
     def __init__(
@@ -150,6 +152,7 @@ class Plant:
         self.wrench = np.zeros(6)
         self.faults = PlantFaults(n)
         self.enabled = True
+        self.wiring: Miswiring | None = None
         self._parted = np.zeros(n, dtype=np.bool_)
         self._torn = np.zeros(n, dtype=np.bool_)
         self._time = 0.0
@@ -176,6 +179,8 @@ class Plant:
     def drive(self, volts: FloatArray) -> None:
         """Set the (n,) amplifier inputs [V], through the DAC's steps."""
         step, gain = self._config.sensors.dac_step, self._card.amperes_per_volt
+        if self.wiring is not None:
+            volts = self.wiring.volts(volts)
         _amplify_into(volts, step, gain, self._current)
 
     def advance(self, duration_s: float) -> None:
@@ -262,6 +267,8 @@ class Plant:
         if self.faults.any:
             args = (self._time, card.counts_per_metre, counts, volts, lines)
             self.faults.distort_senses(*args, card.switch_active_low)
+        if self.wiring is not None:
+            return self.wiring.senses(counts, volts, lines)
         return counts, volts, lines
 
     @property
