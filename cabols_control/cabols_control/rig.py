@@ -88,6 +88,8 @@ class ControlConfig:
     tension_fade: float = 0.5
     preview_bandwidth: float = 5.0
     preview_delay: float = 0.002
+    pose_lag: float = 0.0
+    pose_horizon: float = 0.04
 
     def __post_init__(self) -> None:
         """Check limits against each other and against what the hardware bears."""
@@ -101,6 +103,8 @@ class ControlConfig:
         in_range("tension_fade", self.tension_fade, 1e-3, 60.0)
         in_range("preview_bandwidth", self.preview_bandwidth, 1.0, 50.0)
         in_range("preview_delay", self.preview_delay, 0.0, 0.05)
+        in_range("pose_horizon", self.pose_horizon, 0.0, 0.1)
+        in_range("pose_lag", self.pose_lag, 0.0, 0.05)
         check_method(MIN_CABLES, self.tension_method, self.tension_exponent)
         in_range("command_timeout", self.command_timeout, 1e-3, 1.0)
         in_range("desired_timeout", self.desired_timeout, 1e-3, 60.0)

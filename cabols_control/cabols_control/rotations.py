@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -37,6 +38,26 @@ def pose_matrix(quaternion: ArrayLike) -> FloatArray:
     return np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
 
 
+@njit(cache=True)
+def _read_pose(pose: FloatArray, rotation: FloatArray) -> bool:
+    """Fill rotation (3, 3) of a pose (7,); return whether it is finite, with a unit quaternion."""
+    for k in range(7):
+        if not np.isfinite(pose[k]):
+            return False
+    x, y, z, w = pose[3:]
+    length = np.sqrt(x * x + y * y + z * z + w * w)
+    if not abs(length - 1.0) < UNIT_TOLERANCE:
+        return False
+    x, y, z, w = x / length, y / length, z / length, w / length
+    rotation[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    rotation[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    rotation[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    rotation[0, 1], rotation[1, 0] = 2.0 * (x * y - z * w), 2.0 * (x * y + z * w)
+    rotation[0, 2], rotation[2, 0] = 2.0 * (x * z + y * w), 2.0 * (x * z - y * w)
+    rotation[1, 2], rotation[2, 1] = 2.0 * (y * z - x * w), 2.0 * (y * z + x * w)
+    return True
+
+
 def read_pose(pose: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     """Read a pose as it comes in a message.
 
@@ -47,8 +68,6 @@ def read_pose(pose: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         (3,) position and (3, 3) rotation, from the moved frame's axes to the fixed frame's; None
         if the pose is not finite, or its quaternion is not of length one.
     """
-    if not np.isfinite(pose).all():
-        return None
-    if not abs(float(np.linalg.norm(pose[3:])) - 1.0) < UNIT_TOLERANCE:
-        return None
-    return pose[:3], pose_matrix(pose[3:])
+    # A copy: read-only arrays, as of a message's bytes, would need other compiled code.
+    own, rotation = np.array(pose, dtype=np.float64), np.empty((3, 3))
+    return (own[:3], rotation) if _read_pose(own, rotation) else None

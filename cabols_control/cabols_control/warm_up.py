@@ -9,6 +9,7 @@ import numpy as np
 from cabols_control.limb import identify_limb
 from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.rig import Rig, load_rig
+from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import distribute
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
@@ -44,7 +45,12 @@ def warm_limb_messages(rig: Rig, limbs: list[int], state: Any, answer: Any) -> N
 def warm_wrenches(rig: Rig) -> None:
     """Compile or load a wrench controller's kernels."""
     controller = WrenchController(rig)
+    # As a pose comes in a message: (7,) numbers.
+    pose = read_pose(np.array([*rig.geometry.reference_position, 0.0, 0.0, 0.0, 1.0]))
     for k in range(3):
+        if pose is not None:
+            controller.hear_pose(0.001 * k, *pose)
+        controller.place(0.001 * k)
         setpoint = DesiredWrench(0.001 * k, np.full(6, 1000.0 * k))
         measured = controller.to_base_axes(np.zeros(6))
         controller.step(0.001 * k, measured, OperatingMode.LOADING, setpoint)

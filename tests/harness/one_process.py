@@ -119,6 +119,8 @@ class OneProcess:
             bridge.tension,
             bridge.switch_closed,
             bridge.zeroed,
+            bridge.cable_speed,
+            bridge.cable_acceleration,
         )
         return self.controller.step(state, self.mode, setpoint)
 
@@ -132,9 +134,14 @@ class OneProcess:
             return
         if self._tick % 4 == 0:
             due = self._tick + int(self._random.integers(4, 9))
-            self._poses.append((due, self.target.position.copy(), self.target.rotation.copy()))
+            pose = (self.now_s, self.target.position.copy(), self.target.rotation.copy())
+            self._poses.append((due, *pose))
         while self._poses and self._poses[0][0] <= self._tick:
-            self.bridge.set_pose(*self._poses.popleft()[1:])
+            self.hear_pose(*self._poses.popleft()[1:])
+
+    def hear_pose(self, stamp_s, position, rotation):
+        """Let a pose of a moment reach whoever uses it."""
+        self.bridge.hear_pose(stamp_s, position, rotation)
 
     def pretighten(self):
         """Zero all limbs and let them settle at the holding tension."""

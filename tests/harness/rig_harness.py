@@ -41,8 +41,13 @@ class RigInOneProcess(OneProcess):
         target, faults = self.plant.target, self.plant.faults
         if not faults.has("pose_silent"):
             position = target.position + np.array([faults.value("pose_offset"), 0.0, 0.0])
-            if self.guard.safety.hear_pose(self.now_s, position, target.rotation):
-                self.bridge.set_pose(position, target.rotation)
+            self.hear_pose(self.now_s, position, target.rotation)
+
+    def hear_pose(self, stamp_s, position, rotation):
+        """Let the envelope judge a pose as it came; the wrench controller uses it in any case."""
+        if self.guard.safety.hear_pose(self.now_s, position, rotation):
+            self.bridge.hear_pose(stamp_s, position, rotation)
+        self.wrenches.hear_pose(stamp_s, position, rotation)
 
     def answer(self):
         expired = self.card.watchdog_expired
@@ -59,6 +64,7 @@ class RigInOneProcess(OneProcess):
 
     def fresh_setpoint(self):
         """The wrench controller's tensions."""
+        self.wrenches.place(self.now_s)
         wrench = self.wrenches.to_base_axes(self.bridge.wrench)
         desired = DesiredWrench(self.now_s, self.desired)
         tension = self.wrenches.step(self.now_s, wrench, self.mode, desired)

@@ -24,7 +24,9 @@ from cabols_control.supervision.modes import OperatingMode
 _STOPPED, _LOADING = OperatingMode.STOPPED, OperatingMode.LOADING
 _UNLOADING, _COMMISSIONING = OperatingMode.UNLOADING, OperatingMode.COMMISSIONING
 _RESTED = Outcome.RESTED
-_PER_CABLE = ("limb", "wound_length", "elongation", "tension", "switch_closed", "zeroed")
+_MEASURED = ("wound_length", "elongation", "tension", "switch_closed", "zeroed")
+_GIVEN = (*_MEASURED, "cable_speed", "cable_acceleration")
+_PER_CABLE = ("limb", *_GIVEN)
 
 
 class LimbSample(NamedTuple):
@@ -37,6 +39,8 @@ class LimbSample(NamedTuple):
         tension: estimate [N], NaN before zeroing.
         switch_closed: bool.
         zeroed: bool.
+        cable_speed: at which the platform's motion lengthens the cables [m/s].
+        cable_acceleration: likewise [m/s^2].
     """
 
     stamp_s: float
@@ -45,6 +49,8 @@ class LimbSample(NamedTuple):
     tension: FloatArray
     switch_closed: BoolArray
     zeroed: BoolArray
+    cable_speed: FloatArray | float = 0.0
+    cable_acceleration: FloatArray | float = 0.0
 
 
 class TensionSetpoint(NamedTuple):
@@ -138,7 +144,7 @@ class LimbController:
             (m,) current [A]. The same array at every call.
         """
         state = self._plain_state
-        for name in _PER_CABLE[1:]:
+        for name in _GIVEN:
             state[name] = getattr(sample, name)
         self.answer(sample.stamp_s, mode, setpoint, state, self._plain_answer)
         return self.current

@@ -35,7 +35,7 @@ def advance_law(limbs: Any, dt_s: float, current_limit: float) -> bool:
         velocity = (position - limb["last_position"]) / dt_s
         increment = (limb["reference"] - velocity) * dt_s
         integral = limb["integral"] + increment
-        unlimited = gain * integral - limb["velocity_gain"] * velocity
+        unlimited = gain * integral - limb["velocity_gain"] * velocity + limb["feed_forward"]
         current = min(max(unlimited, -current_limit), current_limit)
         # Anti-windup: the integral grows only until the current reaches its limit.
         excess = (unlimited - current) / gain
@@ -56,7 +56,7 @@ def reset_law(limb: Any, position: float, current: float) -> None:
         position: present elongation or wound length, whichever the law will be given [m].
         current: what the limb's amplifier has now [A].
     """
-    limb["integral"] = current / limb["integral_gain"]
+    limb["integral"] = (current - limb["feed_forward"]) / limb["integral_gain"]
     limb["last_position"] = position
     limb["law_current"] = current
 

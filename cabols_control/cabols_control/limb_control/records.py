@@ -56,6 +56,8 @@ LIMB = np.dtype(
         ("integral_gain", np.float64),  # k_I [A/m]
         ("velocity_gain", np.float64),  # k_P1 [A s/m]
         ("tension_gain", np.float64),  # k_P2 [m/s/N]
+        ("current_per_speed", np.float64),  # 1 / k of (3.11) [A s/m]
+        ("current_per_change", np.float64),  # T / k [A s^2/m]
         ("integral", np.float64),  # of the law [m]
         ("last_position", np.float64),  # that the law was given [m]
         ("law_current", np.float64),  # the law's output [A]
@@ -67,6 +69,7 @@ LIMB = np.dtype(
         ("setpoint", np.float64),  # tension [N], speed [m/s] or current [A], as the kind has it
         ("position", np.float64),  # what the law differentiates [m]
         ("reference", np.float64),  # of the law [m/s]
+        ("feed_forward", np.float64),  # current that follows the platform's motion [A]
         ("current", np.float64),  # output [A]
     ],
     align=True,
@@ -166,7 +169,11 @@ def limb_control_work(rig: Rig, limbs: Sequence[int]) -> Any:
     work = np.zeros(1, _work_dtype(len(limbs)))
     work["current_limit"] = rig.control.current_limit
     work["tasks"] = _task_records(rig)
-    work["limbs"] = limb_records([rig.gains.limbs[i] for i in limbs], limbs)
+    records = limb_records([rig.gains.limbs[i] for i in limbs], limbs)
+    models = [rig.limbs.models[i] for i in limbs]
+    records["current_per_speed"] = [1.0 / model.gain for model in models]
+    records["current_per_change"] = [model.time_constant / model.gain for model in models]
+    work["limbs"] = records
     return work
 
 
@@ -191,6 +198,7 @@ def sample_dtypes(cables: int, limbs: int) -> tuple[Any, Any]:
         ("limb", np.uint8, (cables,)),
         *((name, np.float64, (cables,)) for name in ("wound_length", "elongation", "tension")),
         *((name, np.uint8, (cables,)) for name in ("switch_closed", "zeroed")),
+        *((name, np.float64, (cables,)) for name in ("cable_speed", "cable_acceleration")),
     ]
     answer = [
         *header,

@@ -32,6 +32,7 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
         state["tension"],
     )
     zeroed, switch_closed = state["zeroed"], state["switch_closed"]
+    speeds, changes = state["cable_speed"], state["cable_acceleration"]
     for place in range(limbs.shape[0]):
         limb = limbs[place]
         i = limb["limb"]
@@ -42,7 +43,7 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
         limb["kind"] = now
         wound = wound_lengths[i]
         limb["position"] = wound
-        limb["reference"] = 0.0
+        limb["reference"] = limb["feed_forward"] = 0.0
         if now == ControlKind.SWITCH:
             # A switch that is closed before its zero is known must open first: the zero is set
             # where it closes.
@@ -57,6 +58,10 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
             elongation = elongations[i]
             if now == ControlKind.TENSION:
                 limb["position"] = elongation
+                # The motor pays out as the platform lengthens the cable: T v_dot + v = k i (3.11).
+                ahead = limb["current_per_speed"] * speeds[i]
+                ahead += limb["current_per_change"] * changes[i]
+                limb["feed_forward"] = -ahead if abs(ahead) < np.inf else 0.0
                 continue
             # The pose's steps would reach the current through k_P1 if elongation were
             # differentiated; the motor's own motion has none, and the platform's comes filtered.

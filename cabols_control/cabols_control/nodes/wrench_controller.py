@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
+from cabols_control.checks import FloatArray
+from cabols_control.pose_track import pose_time
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
@@ -84,6 +86,7 @@ class WrenchControllerNode(ControlNode):
         self._frames = ("", geometry.base_frame)
         self._refused: Fault | None = None
         self._pose_bytes = b""
+        self._newest_pose: tuple[FloatArray, FloatArray] | None = None
         companions = [self._mode, self._pose, self._wrench_setpoint, self._tension_setpoint]
         self._loop = ControlLoop(self, self._wrench, companions, self._step, self.lockstep)
         self._loop.prepare = self.prepare_thread
@@ -122,6 +125,7 @@ class WrenchControllerNode(ControlNode):
         started = time.monotonic()
         controller = self._controller
         self._take_pose()
+        controller.place(1e-9 * self._wrench.stamp_ns)
         self._take_desired()
         self._take_tension()
         self._measured[:] = self._wrench.record["wrench"]
@@ -175,25 +179,26 @@ class WrenchControllerNode(ControlNode):
         self._refused = Fault(FaultName.DESIRED, reason)
 
     def _take_pose(self) -> None:
-        """Decompose the structure matrix again only if the pose has changed."""
+        """Take a pose; one that is no pose ends the load."""
         record = self._pose.record
         if record is None or self._pose.count == self._pose_count:
             return
         # Ages count from arrival, on the samples' clock: a robot's own clock is another one.
         self._pose_count, self._pose_seen_ns = self._pose.count, self._wrench.stamp_ns
         content = record["pose"].tobytes()
-        if content == self._pose_bytes:
-            return
-        self._pose_bytes = content
-        values = np.frombuffer(content)
-        pose = read_pose(values)
+        if content != self._pose_bytes:
+            self._pose_bytes = content
+            self._newest_pose = read_pose(np.frombuffer(content))
+        pose = self._newest_pose
         if pose is None:
             self._trip(
                 FaultName.POSE,
-                f"platform_pose: expected a finite position and a unit quaternion, got {values}",
+                f"platform_pose: expected a finite position and a unit quaternion, got "
+                f"{np.frombuffer(content)}",
             )
             return
-        self._controller.set_pose(*pose)
+        now_s = 1e-9 * self._wrench.stamp_ns
+        self._controller.hear_pose(pose_time(1e-9 * self._pose.stamp_ns, now_s), *pose)
 
     def _take_desired(self) -> None:
         """Accept a finite desired wrench in base axes; keep the last one otherwise."""

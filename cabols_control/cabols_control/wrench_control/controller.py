@@ -9,6 +9,7 @@ from numba import njit
 
 from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.checks import FloatArray
+from cabols_control.pose_track import hear_pose, place_platform, pose_track
 from cabols_control.rig import Rig
 from cabols_control.supervision.clock import clock_fault
 from cabols_control.supervision.faults import Fault, FaultName
@@ -113,8 +114,33 @@ class WrenchController:
             position: (3,) of the platform's origin, base frame [m].
             rotation: (3, 3) from platform to base axes.
         """
+        control = self._rig.control
+        self._track = pose_track(position, rotation, control.pose_lag, control.pose_horizon)
+        self._use_pose()
+
+    def hear_pose(self, stamp_s: float, position: FloatArray, rotation: FloatArray) -> None:
+        """Take a pose of a moment; the next samples use it, extrapolated over its age.
+
+        Args:
+            stamp_s: of the pose, on the samples' clock [s].
+            position: (3,) of the platform's origin, base frame [m].
+            rotation: (3, 3) from platform to base axes.
+        """
+        hear_pose(self._track, stamp_s, position, rotation)
+
+    def place(self, now_s: float) -> None:
+        """Move the platform to where it is at a sample; costs a decomposition where it moves.
+
+        Args:
+            now_s: of the sample [s].
+        """
+        if place_platform(self._track, now_s):
+            self._use_pose()
+
+    def _use_pose(self) -> None:
+        track = self._track[0]
         points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
-        self._position[:], self._rotation[:] = position, rotation
+        self._position[:], self._rotation[:] = track["place"], track["turn"]
         structure_matrix_into(*points, self._position, self._rotation, self._matrix)
         prepare_pose(self._matrix, *self._limits, self._weights, self._work)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,8 +10,10 @@ import numpy as np
 
 from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
 from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.pose_track import hear_pose, pose_track
 from cabols_control.rig import Rig
 from cabols_control.supervision.modes import OperatingMode
+from cabols_hw.bridge.placing import place_cables_into
 from cabols_hw.bridge.scaling import (
     SENSOR_READING,
     limb_reading_work,
@@ -24,6 +27,9 @@ from cabols_hw.card.daq import CardSample
 from cabols_hw.force_torque.ati import AXES
 from cabols_hw.force_torque.sensor_bias import SensorBias
 from cabols_hw.force_torque.tool_weight import tool_weight_into
+
+WAITING_POSES = 16
+"""Most poses that wait for a sample; the oldest are dropped."""
 
 
 class Bridge:
@@ -46,8 +52,10 @@ class Bridge:
         saturated_volts: largest valid voltage of a gauge; beyond it the wrench is invalid [V].
         saturation: saturated gauge or axis of load of the newest sample, in words; empty for none.
         gauges: (6,) newest gauge voltages [V].
-        rotation: (3, 3) platform to base, of the newest pose.
-        structure: (6, n) structure matrix at the newest pose.
+        rotation: (3, 3) platform to base, extrapolated to the newest sample.
+        structure: (6, n) structure matrix, likewise.
+        cable_speed: (n,) at which the platform's motion lengthens the cables [m/s].
+        cable_acceleration: (n,) likewise [m/s^2].
     """
 
     def __init__(self, rig: Rig, card: CardConfig) -> None:
@@ -98,26 +106,54 @@ class Bridge:
         self.gauges = np.zeros(6)
         self.rotation = np.eye(3)
         self.structure = np.zeros((6, n))
+        self.cable_speed, self.cable_acceleration = np.zeros(n), np.zeros(n)
+        # Poses come in another thread than samples: they wait here for the next sample.
+        self._poses: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=WAITING_POSES)
+        self._tool = (card.tool_mass, self._centre_of_mass)
         self.set_pose(rig.geometry.reference_position, rig.geometry.reference_rotation)
 
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
-        """Take the platform's pose, (3,) [m] and (3, 3), base frame.
+        """Put the platform at a pose, (3,) [m] and (3, 3), base frame, at rest as far as is known.
 
         Args:
             position: (3,) of the platform's origin, base frame [m].
             rotation: (3, 3) from platform to base axes.
         """
-        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
+        control = self._rig.control
         # Copies, because read-only arrays would need other compiled code. New arrays, because a
         # sample in progress must use the old ones or the new ones, not a mixture.
         position, rotation = np.array(position), np.array(rotation, order="C")
+        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
         cable_lengths_into(*points, position, rotation, self._length)
         structure, weight = np.zeros_like(self.structure), np.zeros(6)
         structure_matrix_into(*points, position, rotation, structure)
         self.structure = structure
         self.rotation = rotation
-        tool_weight_into(self._card.tool_mass, self._centre_of_mass, rotation, weight)
+        tool_weight_into(*self._tool, rotation, weight)
         self._weight = weight
+        self.cable_speed[:] = self.cable_acceleration[:] = 0.0
+        self._poses.clear()
+        self._track = pose_track(position, rotation, control.pose_lag, control.pose_horizon)
+
+    def hear_pose(self, stamp_s: float, position: FloatArray, rotation: FloatArray) -> None:
+        """Take a pose of a moment; the next samples use it, extrapolated over its age.
+
+        Args:
+            stamp_s: of the pose, on the samples' clock [s].
+            position: (3,) of the platform's origin, base frame [m].
+            rotation: (3, 3) from platform to base axes.
+        """
+        self._poses.append((stamp_s, np.array(position), np.array(rotation, order="C")))
+
+    def _place(self, now_s: float) -> None:
+        """Move the platform to where it is at a sample."""
+        while self._poses:
+            hear_pose(self._track, *self._poses.popleft())
+        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
+        cables = (self._length, self.structure, self.cable_speed, self.cable_acceleration)
+        place_cables_into(
+            self._track, now_s, points, self._tool, cables, self.rotation, self._weight
+        )
 
     @property
     def _bias(self) -> FloatArray:
@@ -207,6 +243,7 @@ class Bridge:
         else:
             self._growth = self._growth_in(1e-9 * (sample.time_ns - self._newest_ns))
             self._newest_ns = sample.time_ns
+        self._place(1e-9 * sample.time_ns)
         self.gauges[:] = sample.analog
         np.multiply(self._volts, card.amperes_per_volt, out=self._before)
         np.not_equal(sample.digital, card.switch_active_low, out=self.switch_closed)

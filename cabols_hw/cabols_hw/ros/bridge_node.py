@@ -9,7 +9,6 @@ from collections.abc import Callable
 import numpy as np
 from std_srvs.srv import Trigger
 
-from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Record
@@ -18,7 +17,6 @@ from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare_row
 from cabols_control.ros.sessions import ModeInput, same_session
 from cabols_control.ros.stops import StopLatch
-from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
 from cabols_hw.bridge.bridge import Bridge
@@ -27,6 +25,7 @@ from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
 from cabols_hw.ros.bias_keeper import BiasKeeper
 from cabols_hw.ros.bridge_safety import bridge_safety
+from cabols_hw.ros.pose_input import PoseInput
 from cabols_hw.ros.power_on import PowerOnGate
 from cabols_hw.ros.warm_up import warm_up_guard
 from cabols_hw.safety.config import SafetyConfig
@@ -92,11 +91,13 @@ class BridgeNode(ControlNode):
             clock_ns=lambda: self._newest_ns,
             on_session=self._follow,
         )
+        self._poses = PoseInput(self, self.bridge, self._guard)
         self._answers = [self._current_input, self._mode_input, *self.extra_inputs()]
         self._state = topics.limb_state_layout(geometry).record()
         self._state["limb"][:] = np.arange(n)
         self._wrench = topics.wrench_layout(geometry.platform_frame).record()
         names = ("wound_length", "elongation", "tension", "switch_closed", "zeroed")
+        names += ("cable_speed", "cable_acceleration")
         self.bridge.bind({name: self._state[name] for name in names})
         self.bridge.bind({"followed_mode": self._state["mode"], "zeroing": self._state["zeroing"]})
         self.bridge.bind({"wrench": self._wrench["wrench"]})
@@ -109,7 +110,6 @@ class BridgeNode(ControlNode):
         self._zeroing = 0
         self._sequence = 0
         self._answered = 0
-        self._posed = False
         self._turns = 0
         self._newest_s = 0.0
         self._refused: Fault | None = None
@@ -134,22 +134,11 @@ class BridgeNode(ControlNode):
 
     def extra_inputs(self) -> list[Input]:
         """Inputs besides motor_current and mode: here, the platform's pose from the robot."""
-        geometry = self.rig.geometry
-        self._pose_input = Input(self, "platform_pose", topics.pose_layout(geometry), self.lockstep)
-        return [self._pose_input]
+        return [self._poses]
 
     def on_inputs(self) -> None:
         """Take the messages of extra_inputs."""
-        if self._pose_input.take():
-            pose = read_pose(np.array(self._pose_input.record["pose"]))
-            if pose is not None:
-                self.take_pose(*pose)
-
-    def take_pose(self, position: FloatArray, rotation: FloatArray) -> None:
-        """Use a pose, (3,) [m] and (3, 3), if the safety envelope accepts it."""
-        if self._guard.safety.hear_pose(self._newest_s, position, rotation):
-            self.bridge.set_pose(position, rotation)
-            self._posed = True
+        self._poses.follow(self._newest_s)
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
         """Publish further messages with a sample; called just before it is published."""
@@ -374,7 +363,7 @@ class BridgeNode(ControlNode):
         self.status.late = self.daq.late
         # Until then the supervisor allows no motion: a load without a pose is a fault.
         # Nor before the first tare is decided, which needs cables that nothing winds in.
-        ready = self._answered and self._posed and self.bridge.sensor_tare.judged
+        ready = self._answered and self._poses.used and self.bridge.sensor_tare.judged
         answered = RUNNING if ready else WAITING
         if self.status.cycles % NOTICE_EVERY == 0:
             resting = self._mode not in MOVING and not self._guard.unloading.active

@@ -90,6 +90,7 @@ def warm_up_card(rig: Rig, card: CardConfig, config: PlantConfig) -> None:
     n = rig.geometry.cables
     daq = SimulatedQ8(Plant(rig, card, config), card, n, lockstep=True)
     bridge = Bridge(rig, card)
+    bridge.hear_pose(0.0, rig.geometry.reference_position, rig.geometry.reference_rotation)
     for mode in (OperatingMode.STOPPED, OperatingMode.PRETIGHTENING, OperatingMode.LOADING):
         bridge.take(daq.read(), mode)
         daq.write(bridge.volts(np.zeros(n)))
@@ -175,11 +176,11 @@ class PlantNode(BridgeNode):
         if self.coupling is None:
             return found
         found = [item for item in found if item is not self._mode_input]
-        if not self._pose_input.count:
+        if not self._poses.count:
             return found
-        silent = time.monotonic_ns() - self._pose_input.received_ns > 1e9 * POSE_PATIENCE_S
-        if self._pose_input.stamp_ns < stamp_ns - POSE_LAG_NS and not silent:
-            found.append(self._pose_input)
+        silent = time.monotonic_ns() - self._poses.received_ns > 1e9 * POSE_PATIENCE_S
+        if self._poses.stamp_ns < stamp_ns - POSE_LAG_NS and not silent:
+            found.append(self._poses)
         return found
 
     def on_inputs(self) -> None:
@@ -202,7 +203,8 @@ class PlantNode(BridgeNode):
         if faults.has("pose_silent"):
             return
         offset = np.array([faults.value("pose_offset"), 0.0, 0.0])
-        self.take_pose(target.position + offset, target.rotation)
+        now_s = 1e-9 * stamp_ns
+        self._poses.use(now_s, now_s, target.position + offset, target.rotation)
         self._pose.stamp(stamp_ns)
         place = offset.tobytes() + target.position.tobytes() + target.rotation.tobytes()
         if place != self._place:

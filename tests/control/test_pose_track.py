@@ -1,0 +1,176 @@
+"""Poses extrapolated over their age: exact motions, and what must not be extrapolated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cabols_control.pose_track import Heard, hear_pose, place_platform, pose_time, pose_track
+
+HORIZON_S = 0.04
+PERIOD_S = 0.004
+
+
+def turned(vector):
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
+def begun(lag_s=0.0, horizon_s=HORIZON_S):
+    return pose_track(np.zeros(3), np.eye(3), lag_s, horizon_s)
+
+
+def follow(track, motion, until_s, period_s=PERIOD_S, start_s=0.0):
+    """Tell the poses of a motion: time to (3,) and (3,) rotation vector. The last one's time."""
+    times = np.arange(start_s, until_s, period_s)
+    for t in times:
+        place, vector = motion(t)
+        hear_pose(track, t, np.asarray(place, dtype=float), turned(vector))
+    return times[-1]
+
+
+def steady(t):
+    return [0.1 * t, -0.05 * t, 0.02 * t], [0.2 * t, 0.0, -0.1 * t]
+
+
+def test_constant_speed_is_extrapolated_exactly():
+    track = begun()
+    last_s = follow(track, steady, 0.1)
+    assert place_platform(track, last_s + 0.007)
+    place, vector = steady(last_s + 0.007)
+    assert track["place"][0] == pytest.approx(place, abs=1e-12)
+    # The axis of this rotation is fixed, so that its speed is, too.
+    assert track["turn"][0] == pytest.approx(turned(vector), abs=1e-9)
+    assert track["velocity"][0] == pytest.approx([0.1, -0.05, 0.02, 0.2, 0.0, -0.1], abs=1e-9)
+
+
+def test_constant_acceleration_is_learnt():
+    track = begun()
+    last_s = follow(track, lambda t: ([0.5 * t * t, 0.0, 0.0], [0.0, 1.0 * t * t, 0.0]), 0.2)
+    place_platform(track, last_s + 0.008)
+    at = last_s + 0.008
+    assert track["place"][0, 0] == pytest.approx(0.5 * at * at, abs=1e-9)
+    assert track["acceleration"][0, [0, 4]] == pytest.approx([1.0, 2.0], rel=1e-4)
+
+
+def test_a_lag_is_added_to_the_age():
+    track = begun(lag_s=0.012)
+    last_s = follow(track, steady, 0.1)
+    place_platform(track, last_s + 0.004)
+    assert track["place"][0] == pytest.approx(steady(last_s + 0.016)[0], abs=1e-12)
+
+
+def test_a_stale_pose_is_held_at_the_horizon():
+    track = begun()
+    last_s = follow(track, steady, 0.1)
+    place_platform(track, last_s + 10.0)
+    assert track["place"][0] == pytest.approx(steady(last_s + HORIZON_S)[0], abs=1e-12)
+    assert not track["velocity"].any()
+    assert not track["acceleration"].any()
+
+
+def test_a_horizon_of_zero_extrapolates_nothing():
+    track = begun(lag_s=0.01, horizon_s=0.0)
+    last_s = follow(track, steady, 0.1)
+    place_platform(track, last_s + 0.003)
+    assert track["place"][0] == pytest.approx(steady(last_s)[0], abs=1e-15)
+
+
+@pytest.mark.parametrize("jump", [0.0015, 0.005, 0.05])
+def test_a_jump_is_taken_as_it_is_and_never_extrapolated(jump):
+    """At 4 ms a jump of 5 mm would be 1.25 m/s, and 10 mm more after 8 ms."""
+    track = begun()
+    last_s = follow(track, lambda _: ([0.0] * 3, [0.0] * 3), 0.1)
+    there = np.array([jump, 0.0, 0.0])
+    assert hear_pose(track, last_s + PERIOD_S, there, np.eye(3)) == Heard.BEGUN
+    for k in range(1, 5):
+        place_platform(track, last_s + 0.01 * k)
+        assert track["place"][0] == pytest.approx(there, abs=1e-15)
+
+
+def test_a_turn_at_once_is_never_extrapolated():
+    track = begun()
+    last_s = follow(track, lambda _: ([0.0] * 3, [0.0] * 3), 0.1)
+    there = turned([0.0, 0.0, 0.02])
+    assert hear_pose(track, last_s + PERIOD_S, np.zeros(3), there) == Heard.BEGUN
+    place_platform(track, last_s + 0.03)
+    assert track["turn"][0] == pytest.approx(there, abs=1e-15)
+
+
+def test_two_jumps_in_a_row_are_no_speed():
+    track = begun()
+    last_s = follow(track, lambda _: ([0.0] * 3, [0.0] * 3), 0.1)
+    for k in (1, 2):
+        hear_pose(track, last_s + k * PERIOD_S, np.array([0.003 * k, 0.0, 0.0]), np.eye(3))
+    place_platform(track, last_s + 2 * PERIOD_S + 0.008)
+    assert track["place"][0, 0] == pytest.approx(0.006, abs=1e-15)
+
+
+def test_motion_goes_on_after_a_jump():
+    track = begun()
+    last_s = follow(track, steady, 0.1)
+    last_s = follow(
+        track, lambda t: (np.add(steady(t)[0], 0.01), steady(t)[1]), 0.2, start_s=last_s + PERIOD_S
+    )
+    place_platform(track, last_s + 0.008)
+    assert track["place"][0] == pytest.approx(np.add(steady(last_s + 0.008)[0], 0.01), abs=1e-12)
+
+
+def test_poses_out_of_order_and_twice_are_dropped():
+    track = begun()
+    last_s = follow(track, steady, 0.1)
+    before = track.copy()
+    assert hear_pose(track, last_s - PERIOD_S, np.zeros(3), np.eye(3)) == Heard.OLD
+    assert hear_pose(track, last_s, np.zeros(3), np.eye(3)) == Heard.OLD
+    assert hear_pose(track, last_s + 1e-6, np.ones(3), np.eye(3)) == Heard.OLD
+    assert track.tobytes() == before.tobytes()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_is_dropped(bad):
+    track = begun()
+    last_s = follow(track, steady, 0.1)
+    before = track.copy()
+    now_s = last_s + PERIOD_S
+    place, turn = np.array([bad, 0.0, 0.0]), np.full((3, 3), bad)
+    assert hear_pose(track, now_s, place, np.eye(3)) == Heard.UNUSABLE
+    assert hear_pose(track, now_s, np.zeros(3), turn) == Heard.UNUSABLE
+    assert hear_pose(track, bad, np.zeros(3), np.eye(3)) == Heard.UNUSABLE
+    assert track.tobytes() == before.tobytes()
+    place_platform(track, bad)
+    assert np.isfinite(track["place"]).all()
+    assert np.isfinite(track["turn"]).all()
+
+
+def test_a_gap_and_a_clock_that_goes_back_begin_anew():
+    for step_s in (0.2, -3.0):
+        track = begun()
+        last_s = follow(track, steady, 0.1)
+        there = np.array([0.3, 0.0, 0.0])
+        assert hear_pose(track, last_s + step_s, there, np.eye(3)) == Heard.BEGUN
+        place_platform(track, last_s + step_s + 0.005)
+        assert track["place"][0] == pytest.approx(there, abs=1e-15)
+
+
+def test_a_platform_that_stands_costs_no_new_matrices():
+    track = begun()
+    last_s = follow(track, lambda _: ([0.01, 0.0, 0.0], [0.0, 0.0, 0.1]), 0.1)
+    assert place_platform(track, last_s)
+    assert not place_platform(track, last_s + 0.003)
+
+
+def test_a_lost_pose_and_uneven_times_do_not_matter():
+    track = begun()
+    random = np.random.default_rng(3)
+    t = 0.0
+    for _ in range(60):
+        t += float(random.choice([0.003, 0.004, 0.005, 0.008, 0.012]))
+        hear_pose(track, t, np.array([0.1 * t, 0.0, 0.0]), np.eye(3))
+    place_platform(track, t + 0.006)
+    assert track["place"][0, 0] == pytest.approx(0.1 * (t + 0.006), abs=1e-12)
+
+
+def test_a_stamp_of_another_clock_gives_way_to_the_arrival():
+    assert pose_time(10.001, 10.004) == 10.001
+    assert pose_time(1.7e9, 10.004) == 10.004
+    assert pose_time(np.nan, 10.004) == 10.004
