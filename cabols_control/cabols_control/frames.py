@@ -5,69 +5,18 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic.dataclasses import dataclass
-from scipy.spatial.transform import Rotation
 
-from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.checks import finite_array
 from cabols_control.configuration import STRICT, load_config, within
-from cabols_control.errors import ConfigError
+from cabols_control.geometry import RigGeometry
+from cabols_control.placement import Frame
 from cabols_control.rig_folder import RigFolder, find_rig
+from cabols_control.wrench_frames import WrenchFrame, WrenchFrames, wrench_frames
+
+__all__ = ["FRAMES", "Frame", "RigFrames", "load_frames", "load_wrench_frames"]
 
 FRAMES = "frames.yaml"
-
-
-@dataclass(frozen=True, config=STRICT)
-class Frame:
-    """A frame in another one; without a rotation their axes are parallel.
-
-    Attributes:
-        position: (3,) of its origin, in the other frame [m].
-        rotation_xyz_deg: (3,) intrinsic x-y-z Euler angles, from its axes to the other's [deg]; or
-        quaternion_wxyz: (4,) the same rotation.
-    """
-
-    position: list[float]
-    rotation_xyz_deg: list[float] | None = None
-    quaternion_wxyz: list[float] | None = None
-
-    def __post_init__(self) -> None:
-        """Check shapes, and that there is one rotation."""
-        finite_array("position", self.position, (3,))
-        if self.rotation_xyz_deg is not None and self.quaternion_wxyz is not None:
-            raise ConfigError("expected rotation_xyz_deg or quaternion_wxyz, got both")
-        if self.rotation_xyz_deg is not None:
-            finite_array("rotation_xyz_deg", self.rotation_xyz_deg, (3,))
-        if self.quaternion_wxyz is not None:
-            quaternion = finite_array("quaternion_wxyz", self.quaternion_wxyz, (4,))
-            length = float(np.linalg.norm(quaternion))
-            in_range("length of quaternion_wxyz", length, 1.0 - 1e-6, 1.0 + 1e-6)
-
-    def _turn(self) -> Rotation:
-        if self.quaternion_wxyz is not None:
-            w, x, y, z = self.quaternion_wxyz
-            return Rotation.from_quat([x, y, z, w])
-        return Rotation.from_euler("XYZ", self.rotation_xyz_deg or [0.0, 0.0, 0.0], degrees=True)
-
-    @property
-    def rotation(self) -> FloatArray:
-        """(3, 3) from its axes to the other frame's."""
-        return np.asarray(self._turn().as_matrix(), dtype=np.float64)
-
-    @property
-    def xyz_deg(self) -> list[float]:
-        """(3,) intrinsic x-y-z Euler angles [deg]."""
-        if self.rotation_xyz_deg is not None:
-            return self.rotation_xyz_deg
-        return [float(angle) for angle in self._turn().as_euler("XYZ", degrees=True)]
-
-    @property
-    def wxyz(self) -> list[float]:
-        """(4,) unit quaternion, w first."""
-        if self.quaternion_wxyz is not None:
-            return self.quaternion_wxyz
-        x, y, z, w = (float(part) for part in self._turn().as_quat())
-        return [w, x, y, z]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -81,6 +30,7 @@ class RigFrames:
         tool_mass: of all that hangs on the force/torque sensor [kg].
         tool_centre_of_mass: (3,) of it, from the platform's origin, platform axes [m].
         sensor_frame: the force/torque sensor, in the platform.
+        wrench_frames: frames of the user's, by name, in which wrenches may be desired.
     """
 
     tool_frame: Frame
@@ -89,6 +39,7 @@ class RigFrames:
     tool_mass: Annotated[float, within(0.0, 1000.0)] = 0.0
     tool_centre_of_mass: list[float] = field(default_factory=lambda: [0.0] * 3)
     sensor_frame: Frame = field(default_factory=lambda: Frame([0.0] * 3))
+    wrench_frames: dict[str, WrenchFrame] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check shapes."""
@@ -138,3 +89,18 @@ def load_frames(rig: str | RigFolder = "") -> RigFrames:
         ConfigError: naming the file, the key, what was expected and what came.
     """
     return load_config(RigFrames, find_rig(rig).file(FRAMES))
+
+
+def load_wrench_frames(geometry: RigGeometry, rig: str | RigFolder = "") -> WrenchFrames:
+    """Read the frames in which a rig's wrenches may be desired.
+
+    Args:
+        geometry: names of base and platform frame.
+        rig: name or folder, see find_rig; empty: the reference bench.
+
+    Raises:
+        ConfigError: naming the file, the key, what was expected and what came.
+    """
+    frames = load_frames(rig)
+    names = (geometry.base_frame, geometry.platform_frame)
+    return wrench_frames(*names, frames.tool_frame, frames.sensor_frame, frames.wrench_frames)

@@ -17,8 +17,8 @@ from cabols_control.cable_kernels import (
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, OutOfRangeError, ShapeError
-from cabols_control.frames import Frame
 from cabols_control.naming import cable_name
+from cabols_control.placement import Frame
 from cabols_control.rig_checks import check_geometry
 from cabols_control.rig_folder import rig_file
 

@@ -23,7 +23,7 @@ from numba import njit
 
 from cabols_control.checks import FloatArray
 
-SMOOTHING = 0.3
+SMOOTHING = 0.5
 """Share of the newest difference in the accelerations."""
 SHORTEST_STEP_S = 0.0005
 """Poses closer in time than this say nothing about speeds [s]."""

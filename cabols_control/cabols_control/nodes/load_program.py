@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
+from cabols_control.frames import load_wrench_frames
 from cabols_control.load_programs.feasibility import ProgramCheck, check_shaped
 from cabols_control.load_programs.motor_demand import fastest_preview
 from cabols_control.load_programs.preview import ShapedProgram, as_given
@@ -31,6 +33,7 @@ from cabols_control.ros.threads.pause import pause
 from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
+from cabols_control.wrench_frames import place_frame, wrench_from_base
 
 Place = tuple[FloatArray, FloatArray]
 FEEDBACK_S = 0.2
@@ -61,10 +64,13 @@ class LoadProgramNode(ControlNode):
         rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
         self._held_s = 0.0 if self.paced else 1.0 / rate
         geometry = self.rig.geometry
+        self._frames = load_wrench_frames(geometry, self.rig_folder)
         self._reference: Place = (geometry.reference_position, geometry.reference_rotation)
         self._first = self._shape(name, scale, self._reference) if name else None
-        layout = topics.wrench_layout(self.rig.geometry.base_frame)
-        self._record = layout.record()
+        self._records = {
+            frame: topics.wrench_layout(frame).record() for frame in self._frames.names
+        }
+        self._frame, self._placed = geometry.base_frame, None
         self._output = self.advertise("desired_wrench")
         layout = topics.program_wrench_layout(self.rig.geometry.base_frame)
         self._asked = layout.record()
@@ -103,13 +109,16 @@ class LoadProgramNode(ControlNode):
             callback_group=ReentrantCallbackGroup(),
         )
 
-    def _shape(self, name: str, scale: float, place: Place) -> ShapedProgram:
-        """Load a programme, as it will be followed at a pose.
+    def _shape(self, name: str, scale: float, place: Place, frame: str = "") -> ShapedProgram:
+        """Load a programme as it will be followed at a pose, about the platform's origin, base axes.
 
         Raises:
             CabolsError: if it cannot be used.
         """
         program = load_program(name).scaled(scale or 1.0)
+        if frame:
+            # Linear, so that smoothing and preview are the same in every frame.
+            program = replace(program, wrench=self._frames.to_base(frame, program.wrench, *place))
         if not self._preview:
             return as_given(program)
         return fastest_preview(program, self.rig, *place, self._held_s)
@@ -193,25 +202,38 @@ class LoadProgramNode(ControlNode):
         elif now_s - self._began_s > self._running.duration:
             self._finish("", ResultCode.DONE)
 
+    def _place(self, name: str, place: Place) -> None:
+        """Publish the next programme's wrenches in a frame; empty: the rig's base frame."""
+        self._frame, self._placed = name or self._frames.names[0], None
+        if self._frame != self._frames.names[0]:
+            self._placed = self._frames.record(self._frame)
+            place_frame(self._placed, *(np.array(part) for part in place))
+
     def _start(self, program: ShapedProgram) -> None:
         self._running, self._began_s, self._verdict = program, self._now_s, ""
         self.get_logger().info(f"programme {program.name}: {program.duration:g} s")
 
     def _finish(self, verdict: str, code: ResultCode) -> None:
         self._running, self._verdict, self.done = None, verdict, True
+        self._frame, self._placed = self._frames.names[0], None
         self._code = code
         self.get_logger().info(verdict or "programme done")
 
     def _publish(self, stamp_ns: int) -> None:
         program, time_s = self._running, self._now_s - self._began_s
-        wanted, asked = self._record, self._asked
+        wanted, asked = self._records[self._frame], self._asked
         wanted.stamp(stamp_ns)
         asked.stamp(stamp_ns)
         if program is None:
             wanted["wrench"][:] = asked["command"][:] = asked["smoothed"][:] = 0.0
             asked["lead"][0] = 0.0
         else:
-            wanted["wrench"][:] = program.reference.at(time_s)
+            if self._placed is None:
+                wanted["wrench"][:] = program.reference.at(time_s)
+            else:
+                # In its own frame again: the wrench controller takes it along with the platform.
+                reference = np.array(program.reference.at(time_s))
+                wrench_from_base(self._placed, reference, wanted["wrench"])
             asked["command"][:] = program.command.at(time_s - program.lead)
             asked["smoothed"][:] = program.smoothed.at(time_s)
             asked["lead"][0] = program.lead
@@ -219,7 +241,7 @@ class LoadProgramNode(ControlNode):
         self._told.publish(asked.raw())
         self._told.copy()
 
-    def _check_here(self, name: str, scale: float) -> ProgramCheck:
+    def _check_here(self, name: str, scale: float, frame: str) -> ProgramCheck:
         """Check a programme at the platform's present pose.
 
         Raises:
@@ -227,7 +249,7 @@ class LoadProgramNode(ControlNode):
         """
         load_program(name)
         place = self._pose_now()
-        return check_shaped(self.rig, self._shape(name, scale, place), *place)
+        return check_shaped(self.rig, self._shape(name, scale, place, frame), *place)
 
     def _pose_now(self) -> Place:
         """Platform's present position and rotation.
@@ -247,7 +269,7 @@ class LoadProgramNode(ControlNode):
 
     def _check(self, request: Any, response: Any) -> Any:
         try:
-            found = self._check_here(request.program, request.scale)
+            found = self._check_here(request.program, request.scale, request.frame)
         except CabolsError as error:
             refused = isinstance(error, NoPoseError)
             response.code = int(ResultCode.NOT_READY if refused else ResultCode.BAD_REQUEST)
@@ -270,7 +292,12 @@ class LoadProgramNode(ControlNode):
     def _judge(self, request: Any) -> GoalResponse:
         try:
             load_program(request.program)
-            found = self._check_here(request.program, request.scale) if request.checked else None
+            self._frames.record(request.frame)
+            found = (
+                self._check_here(request.program, request.scale, request.frame)
+                if request.checked
+                else None
+            )
         except CabolsError as error:
             self.get_logger().error(str(error))
             return GoalResponse.REJECT
@@ -293,8 +320,9 @@ class LoadProgramNode(ControlNode):
         except CabolsError:
             # Without a robot's bridge the platform is where the drawing has it.
             place = self._reference
-        program = self._shape(request.program, request.scale, place)
+        program = self._shape(request.program, request.scale, place, request.frame)
         with self._lock:
+            self._place(request.frame, place)
             self._start(program)
         feedback = RunProgram.Feedback(duration=program.duration)
         while self._running is program:

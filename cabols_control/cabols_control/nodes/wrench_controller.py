@@ -10,8 +10,10 @@ import numpy as np
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.checks import FloatArray
+from cabols_control.frames import load_wrench_frames
 from cabols_control.pose_track import pose_time
 from cabols_control.ros import topics
+from cabols_control.ros.framed_wrench import FramedWrenchInput, FrameWrenchOutput
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_robot, declare_row
@@ -49,8 +51,9 @@ class WrenchControllerNode(ControlNode):
         self._wrench = Input(
             self, "wrench", topics.wrench_layout(geometry.platform_frame), lockstep
         )
-        wrenches = topics.wrench_layout(geometry.base_frame)
-        self._wrench_setpoint = Input(self, "desired_wrench", wrenches, lockstep)
+        frames = load_wrench_frames(geometry, self.rig_folder)
+        self._wrench_setpoint = FramedWrenchInput(self, frames)
+        self._told = FrameWrenchOutput(self, frames)
         tensions = topics.desired_tension_layout(geometry)
         sessions = self.status.sessions
         self._tension_setpoint = Input(self, "desired_tension", tensions, lockstep, every=2)
@@ -83,7 +86,7 @@ class WrenchControllerNode(ControlNode):
         self._limbs = np.arange(geometry.cables, dtype=np.uint8).tobytes()
         self._pose_count = 0
         self._pose_seen_ns = 0
-        self._frames = ("", geometry.base_frame)
+        self._base_frame = geometry.base_frame
         self._refused: Fault | None = None
         self._pose_bytes = b""
         self._newest_pose: tuple[FloatArray, FloatArray] | None = None
@@ -129,9 +132,10 @@ class WrenchControllerNode(ControlNode):
         self._take_desired()
         self._take_tension()
         self._measured[:] = self._wrench.record["wrench"]
+        measured = controller.to_base_axes(self._measured)
         controller.step(
             1e-9 * self._wrench.stamp_ns,
-            controller.to_base_axes(self._measured),
+            measured,
             self._present_mode(),
             self._desired,
             self._tension,
@@ -148,8 +152,17 @@ class WrenchControllerNode(ControlNode):
         answer["desired"][:] = controller.desired
         self._output.publish(answer.raw())
         self._output.copy()
+        self._tell(measured)
         self.status.work.add(time.monotonic() - started)
         self._report()
+
+    def _tell(self, measured: FloatArray) -> None:
+        """Tell the wrenches in the frame of the desired one; (6,) measured, base axes."""
+        wanted = self._desired
+        frame = None if wanted is None else wanted.frame
+        name = self._base_frame if frame is None else self._wrench_setpoint.frame_name
+        stamp_ns = self._wrench.stamp_ns
+        self._told.tell(stamp_ns, name, frame, self._controller.desired, measured)
 
     def _report(self) -> None:
         controller = self._controller
@@ -201,23 +214,21 @@ class WrenchControllerNode(ControlNode):
         self._controller.hear_pose(pose_time(1e-9 * self._pose.stamp_ns, now_s), *pose)
 
     def _take_desired(self) -> None:
-        """Accept a finite desired wrench in base axes; keep the last one otherwise."""
+        """Accept a finite desired wrench in a frame of the rig; keep the last one otherwise."""
         if self._wrench_setpoint.error:
             self._refuse(self._wrench_setpoint.error)
         if self._wrench_setpoint.count == self._desired_count:
             return
         self._desired_count = self._wrench_setpoint.count
         record = self._wrench_setpoint.record
-        frame = self._frame()
         values = np.array(record["wrench"])
-        if frame not in self._frames:
-            self._refuse(f"desired_wrench: expected frame {self._frames[1]}, got {frame}")
-        elif not np.isfinite(values).all():
+        if not np.isfinite(values).all():
             self._refuse(f"desired_wrench: expected finite numbers, got {values.tolist()}")
         else:
             self._refused = None
             # Its age, too, counts from arrival: a programme may run on another machine.
-            self._desired = DesiredWrench(1e-9 * self._wrench.stamp_ns, values)
+            stamp_s, frame = 1e-9 * self._wrench.stamp_ns, self._wrench_setpoint.frame
+            self._desired = DesiredWrench(stamp_s, values, frame)
 
     def _take_tension(self) -> None:
         """Accept finite desired tensions of all limbs; keep the last ones otherwise."""
@@ -244,11 +255,6 @@ class WrenchControllerNode(ControlNode):
             return
         if time.monotonic_ns() - self._tension_setpoint.received_ns < LOCKSTEP_EXCUSE_NS:
             self._tension = DesiredTension(1e-9 * self._wrench.stamp_ns, self._tension.tension)
-
-    def _frame(self) -> str:
-        if self._wrench_setpoint.exact:
-            return self._frames[1]
-        return self._wrench_setpoint.strings()["header.frame_id"]
 
 
 def main() -> int:

@@ -8,6 +8,7 @@ from importlib import import_module
 
 from cabols_msgs.msg import (
     DesiredTension,
+    FrameWrench,
     LimbState,
     LoopStatus,
     Mode,
@@ -79,6 +80,15 @@ def program_wrench_layout(frame: str) -> Layout:
         ProgramWrench,
         strings={"header.frame_id": frame},
         joined={name: (f"{name}.force.x", 6) for name in ("command", "smoothed")},
+    )
+
+
+def frame_wrench_layout(frame: str) -> Layout:
+    """FrameWrench in a frame; fields `desired`, `measured` (6,) force [N], torque [N m]."""
+    return Layout(
+        FrameWrench,
+        strings={"header.frame_id": frame},
+        joined={name: (f"{name}.force.x", 6) for name in ("desired", "measured")},
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -18,6 +19,7 @@ from cabols_control.tension import DEFAULT_WEIGHTS, prepare_pose, set_method, wo
 from cabols_control.tension.kernels.work_array import SHARE
 from cabols_control.wrench_control.law import WrenchLaw
 from cabols_control.wrench_control.tension_setpoint import DesiredTension, TensionReference
+from cabols_control.wrench_frames import place_frame, wrench_to_base
 
 LONGEST_STEP_S = 0.010
 REASONABLE = 10.0
@@ -28,10 +30,18 @@ MAX_BAD_SAMPLES = 5
 
 @dataclass(frozen=True, eq=False)
 class DesiredWrench:
-    """Newest desired wrench: (6,) [N, N m] on the platform at its origin, base axes, and stamp."""
+    """Newest desired wrench: (6,) [N, N m] and stamp.
+
+    Attributes:
+        stamp_s: of the sample at which it came [s].
+        wrench: (6,) on the platform.
+        frame: (1,) record of WRENCH_FRAME that it is in, moved with the platform at each sample;
+            None: on the platform at its origin, base axes.
+    """
 
     stamp_s: float
     wrench: FloatArray
+    frame: Any = None
 
 
 @njit(cache=True)
@@ -81,6 +91,7 @@ class WrenchController:
         self._matrix = np.zeros((6, n))
         # Own copies of the pose: read-only arrays would need other compiled code.
         self._position, self._rotation = np.zeros(3), np.eye(3)
+        self._moved = np.zeros(6)
         self._reasonable = REASONABLE * rig.control.rated
         self._unload_step = np.repeat(control.unload_rates, 3)
         self._desired_timeout = control.desired_timeout
@@ -255,7 +266,7 @@ class WrenchController:
         """Set the desired wrench in force; a stale one is ramped to zero at the unload rate."""
         if setpoint is not None and abs(stamp_s - setpoint.stamp_s) <= self._desired_timeout:
             self.notice = None
-            if not _take_into(setpoint.wrench, self._reasonable, self.desired):
+            if not _take_into(self._in_base(setpoint), self._reasonable, self.desired):
                 self.notice = Fault(
                     FaultName.DESIRED,
                     f"desired_wrench: expected at most {REASONABLE:g} times the rated wrench, got "
@@ -269,3 +280,11 @@ class WrenchController:
             )
         step = self._unload_step * dt_s
         self.desired -= np.clip(self.desired, -step, step)
+
+    def _in_base(self, setpoint: DesiredWrench) -> FloatArray:
+        """(6,) desired wrench about the platform's origin, base axes, at the present pose."""
+        if setpoint.frame is None:
+            return setpoint.wrench
+        place_frame(setpoint.frame, self._position, self._rotation)
+        wrench_to_base(setpoint.frame, setpoint.wrench, self._moved)
+        return self._moved

@@ -1,0 +1,117 @@
+"""Wrenches in a frame of the rig, as messages: desired ones are read, measured ones told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+from cabols_control.ros import topics
+from cabols_control.ros.layout import Layout, Record
+from cabols_control.ros.loop import Input
+from cabols_control.ros.node import ControlNode
+from cabols_control.wrench_frames import WrenchFrames, wrench_from_base
+
+FRAME_AT, TEXT_AT = 12, 16
+"""Where length and text of a message's frame_id are, after the CDR header and the stamp [bytes]."""
+LITTLE_ENDIAN = b"\x00\x01"
+TOLD_EVERY = 10
+"""Samples between two frame_wrench."""
+
+
+class FramedWrenchInput(Input):
+    """Input of desired_wrench in any of the rig's frames, each with a layout of its own.
+
+    Attributes:
+        frame: (1,) record of WRENCH_FRAME of the newest message; None for the rig's base frame.
+        frame_name: its name.
+    """
+
+    def __init__(self, node: ControlNode, frames: WrenchFrames) -> None:
+        """Subscribe.
+
+        Args:
+            node: owner.
+            frames: of the rig.
+        """
+        self._layouts: dict[bytes, tuple[str, Layout, Any]] = {}
+        for name in frames.names:
+            record = None if name == frames.names[0] else frames.record(name)
+            self._layouts[name.encode()] = (name, topics.wrench_layout(name), record)
+        # An empty frame_id is the base's.
+        self._base = self._layouts[frames.names[0].encode()]
+        self._names = frames.names
+        self.frame_name, layout, self.frame = self._base
+        super().__init__(node, "desired_wrench", layout, node.lockstep)
+
+    def _accept(self, raw: bytes, info: dict[str, Any]) -> bool:
+        name = _frame_of(raw)
+        if name is None:
+            # Another form of the message: its frame is read in the slow way.
+            try:
+                name = self._layout.strings(raw)["header.frame_id"].encode()
+            except Exception:
+                return super()._accept(raw, info)
+        if name and name not in self._layouts:
+            expected = ", ".join(self._names)
+            self.raw = raw
+            got = name.decode(errors="replace")
+            self.error = f"desired_wrench: expected a frame out of {expected}, got {got}"
+            return False
+        before = self.frame_name, self._layout, self.frame
+        self.frame_name, self._layout, self.frame = self._layouts.get(name, self._base)
+        if super()._accept(raw, info):
+            return True
+        self.frame_name, self._layout, self.frame = before
+        return False
+
+
+def _frame_of(raw: bytes) -> bytes | None:
+    """Return the frame_id of a serialised message with a header; None if it is not so simple."""
+    if raw[:2] != LITTLE_ENDIAN:
+        return None
+    length = int.from_bytes(raw[FRAME_AT:TEXT_AT], "little")
+    return bytes(raw[TEXT_AT : TEXT_AT + max(length - 1, 0)])
+
+
+class FrameWrenchOutput:
+    """Publishes desired and measured wrench in the frame of the desired one, every 10 ms."""
+
+    def __init__(self, node: ControlNode, frames: WrenchFrames) -> None:
+        """Advertise.
+
+        Args:
+            node: owner.
+            frames: of the rig.
+        """
+        self._records: dict[str, Record] = {
+            name: topics.frame_wrench_layout(name).record() for name in frames.names
+        }
+        self._output = node.advertise("frame_wrench")
+        self._count = 0
+        self._desired, self._measured = np.zeros(6), np.zeros(6)
+
+    def tell(
+        self, stamp_ns: int, name: str, frame: Any, desired: FloatArray, measured: FloatArray
+    ) -> None:
+        """Tell a sample's wrenches, at every tenth call.
+
+        Args:
+            stamp_ns: of the sample.
+            name: of the frame.
+            frame: (1,) record of WRENCH_FRAME, placed; None for the rig's base frame.
+            desired: (6,) about the platform's origin, base axes [N, N m].
+            measured: (6,) likewise.
+        """
+        self._count += 1
+        if self._count % TOLD_EVERY:
+            return
+        if frame is not None:
+            wrench_from_base(frame, desired, self._desired)
+            wrench_from_base(frame, measured, self._measured)
+            desired, measured = self._desired, self._measured
+        record = self._records[name]
+        record.stamp(stamp_ns)
+        record["desired"][:], record["measured"][:] = desired, measured
+        self._output.publish(record.raw())

@@ -1,0 +1,251 @@
+"""Frames in which a wrench may be desired: axes, and the point about which its torque is.
+
+A wrench (f, m) about a frame's origin F, in its axes, is about the platform's origin P, base axes,
+
+    f_0 = R_0F f,    m_0 = R_0F m + (p_F - p_P) x f_0,
+
+the adjoint of the frame's pose (Lynch and Park, Modern Robotics, 3.4). A frame moves with the
+platform, or stands in the rig; its origin is as far from the platform's as the pose says, so that
+the lever is computed anew at each sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Literal
+
+import numpy as np
+from numba import njit
+from pydantic.dataclasses import dataclass as config_dataclass
+
+from cabols_control.checks import FloatArray, finite_array, rotation_matrix
+from cabols_control.configuration import STRICT
+from cabols_control.errors import ConfigError
+from cabols_control.placement import Frame
+
+OWN_NAMES = ("tool", "sensor", "flange")
+"""Frames that each rig has, beside its base and its platform."""
+
+
+class Axes(IntEnum):
+    """In whose axes a frame's wrenches are."""
+
+    OWN = 0
+    BASE = 1
+    PLATFORM = 2
+
+
+@config_dataclass(frozen=True, config=STRICT)
+class WrenchFrame(Frame):
+    """A frame of the user's, in frames.yaml under wrench_frames.
+
+    Attributes:
+        parent: platform, with which it moves; base, in which it stands.
+        axes: own; or base or platform, where only its origin counts.
+    """
+
+    parent: Literal["platform", "base"] = "platform"
+    axes: Literal["own", "base", "platform"] = "own"
+
+
+WRENCH_FRAME = np.dtype(
+    [
+        ("fixed", np.int64),  # whether it stands in the rig
+        ("axes", np.int64),  # Axes
+        ("position", np.float64, (3,)),  # of its origin, in its parent [m]
+        ("rotation", np.float64, (3, 3)),  # from its axes to its parent's
+        ("lever", np.float64, (3,)),  # from the platform's origin, base axes, at the pose [m]
+        ("turn", np.float64, (3, 3)),  # from its wrenches' axes to base axes, at the pose
+    ],
+    align=True,
+)
+"""A frame, and where the platform's pose puts it."""
+
+
+@njit(cache=True)
+def place_frame(frame: Any, position: FloatArray, rotation: FloatArray) -> None:
+    """Set lever and turn of a frame at a pose of the platform.
+
+    Args:
+        frame: (1,) record of WRENCH_FRAME; updated.
+        position: (3,) of the platform's origin, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+    """
+    own = frame[0]
+    place, turned, lever, turn = own["position"], own["rotation"], own["lever"], own["turn"]
+    for i in range(3):
+        lever[i] = place[i] - position[i] if own["fixed"] else 0.0
+        for j in range(3):
+            if not own["fixed"]:
+                lever[i] += rotation[i, j] * place[j]
+            if own["axes"] == Axes.BASE:
+                turn[i, j] = 1.0 if i == j else 0.0
+            elif own["axes"] == Axes.PLATFORM:
+                turn[i, j] = rotation[i, j]
+            elif own["fixed"]:
+                turn[i, j] = turned[i, j]
+            else:
+                turn[i, j] = 0.0
+                for k in range(3):
+                    turn[i, j] += rotation[i, k] * turned[k, j]
+
+
+@njit(cache=True)
+def wrench_to_base(frame: Any, wrench: FloatArray, moved: FloatArray) -> None:
+    """Fill moved (6,) about the platform's origin, base axes, of a wrench (6,) in a placed frame.
+
+    Args:
+        frame: (1,) record of WRENCH_FRAME, placed.
+        wrench: (6,) about its origin, in its axes [N, N m].
+        moved: (6,), filled [N, N m].
+    """
+    own = frame[0]
+    lever, turn = own["lever"], own["turn"]
+    for i in range(3):
+        moved[i] = moved[3 + i] = 0.0
+        for j in range(3):
+            moved[i] += turn[i, j] * wrench[j]
+            moved[3 + i] += turn[i, j] * wrench[3 + j]
+    moved[3] += lever[1] * moved[2] - lever[2] * moved[1]
+    moved[4] += lever[2] * moved[0] - lever[0] * moved[2]
+    moved[5] += lever[0] * moved[1] - lever[1] * moved[0]
+
+
+@njit(cache=True)
+def wrench_from_base(frame: Any, wrench: FloatArray, moved: FloatArray) -> None:
+    """Fill moved (6,) in a placed frame of a wrench (6,) about the platform's origin, base axes.
+
+    Args:
+        frame: (1,) record of WRENCH_FRAME, placed.
+        wrench: (6,) about the platform's origin, base axes [N, N m].
+        moved: (6,) about the frame's origin, in its axes, filled [N, N m].
+    """
+    own = frame[0]
+    lever, turn = own["lever"], own["turn"]
+    torque = np.empty(3)
+    torque[0] = wrench[3] - (lever[1] * wrench[2] - lever[2] * wrench[1])
+    torque[1] = wrench[4] - (lever[2] * wrench[0] - lever[0] * wrench[2])
+    torque[2] = wrench[5] - (lever[0] * wrench[1] - lever[1] * wrench[0])
+    for i in range(3):
+        moved[i] = moved[3 + i] = 0.0
+        for j in range(3):
+            moved[i] += turn[j, i] * wrench[j]
+            moved[3 + i] += turn[j, i] * torque[j]
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchFrames:
+    """The frames of a rig by name.
+
+    Attributes:
+        names: of all of them; the first is the rig's base frame, whose wrenches are about the
+            platform's origin.
+    """
+
+    names: tuple[str, ...]
+    _records: Mapping[str, Any]
+
+    def record(self, name: str) -> Any:
+        """Return a frame of the caller's own, a (1,) record of WRENCH_FRAME, not placed yet.
+
+        Args:
+            name: of the frame; empty: the rig's base frame.
+
+        Raises:
+            ConfigError: if there is none of that name.
+        """
+        found = self._records.get(name or self.names[0])
+        if found is None:
+            raise ConfigError(f"frame: expected one of {', '.join(self.names)}, got {name}")
+        return found.copy()
+
+    def to_base(
+        self, name: str, wrenches: FloatArray, position: FloatArray, rotation: FloatArray
+    ) -> FloatArray:
+        """Move wrenches to the platform's origin, base axes.
+
+        Args:
+            name: of the frame that they are in; empty: the rig's base frame.
+            wrenches: (..., 6) [N, N m].
+            position: (3,) of the platform's origin, base frame [m].
+            rotation: (3, 3) from platform to base axes.
+
+        Returns:
+            (..., 6) [N, N m].
+
+        Raises:
+            ConfigError, ShapeError: if there is no such frame, or an argument is not valid.
+        """
+        return self._move(wrench_to_base, name, wrenches, position, rotation)
+
+    def from_base(
+        self, name: str, wrenches: FloatArray, position: FloatArray, rotation: FloatArray
+    ) -> FloatArray:
+        """Move wrenches about the platform's origin, base axes, into a frame; see to_base.
+
+        Args:
+            name: of the frame; empty: the rig's base frame.
+            wrenches: (..., 6) [N, N m].
+            position: (3,) of the platform's origin, base frame [m].
+            rotation: (3, 3) from platform to base axes.
+        """
+        return self._move(wrench_from_base, name, wrenches, position, rotation)
+
+    def _move(
+        self, kernel: Any, name: str, wrenches: FloatArray, position: Any, rotation: Any
+    ) -> FloatArray:
+        frame = self.record(name)
+        place = finite_array("position", position, (3,)).copy()
+        place_frame(frame, place, rotation_matrix("rotation", rotation).copy())
+        given = np.array(wrenches, dtype=np.float64)
+        moved = np.zeros_like(given)
+        for before, after in zip(given.reshape(-1, 6), moved.reshape(-1, 6), strict=True):
+            kernel(frame, before, after)
+        return moved
+
+
+def _record(fixed: bool, axes: Axes, position: Any, rotation: Any) -> Any:
+    record = np.zeros(1, WRENCH_FRAME)
+    record["fixed"], record["axes"] = fixed, axes
+    record["position"], record["rotation"] = position, rotation
+    record["turn"] = np.eye(3)
+    return record
+
+
+def wrench_frames(
+    base: str,
+    platform: str,
+    tool: Frame,
+    sensor: Frame,
+    own: Mapping[str, WrenchFrame],
+) -> WrenchFrames:
+    """Collect the frames of a rig.
+
+    Args:
+        base: name of the rig's base frame.
+        platform: name of the platform's frame.
+        tool: the platform in the robot's flange.
+        sensor: the force/torque sensor in the platform.
+        own: the user's, by name.
+
+    Raises:
+        ConfigError: if a frame of the user's has a name that is taken.
+    """
+    standard = _record(False, Axes.OWN, np.zeros(3), np.eye(3))
+    flange = tool.rotation.T
+    records = {
+        base: _record(False, Axes.BASE, np.zeros(3), np.eye(3)),
+        platform: standard,
+        "tool": standard,
+        "sensor": _record(False, Axes.OWN, sensor.position, sensor.rotation),
+        "flange": _record(False, Axes.OWN, -flange @ np.array(tool.position), flange),
+    }
+    for name, frame in own.items():
+        if not name or name in records:
+            taken = ", ".join(records)
+            raise ConfigError(f"wrench_frames: expected another name than {taken}, got {name!r}")
+        axes = Axes[frame.axes.upper()]
+        records[name] = _record(frame.parent == "base", axes, frame.position, frame.rotation)
+    return WrenchFrames(tuple(records), records)
