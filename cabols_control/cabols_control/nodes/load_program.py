@@ -110,7 +110,7 @@ class LoadProgramNode(ControlNode):
         )
 
     def _shape(self, name: str, scale: float, place: Place, frame: str = "") -> ShapedProgram:
-        """Load a programme as it will be followed at a pose, about the platform's origin, base axes.
+        """Load a programme as it is followed at a pose, about the platform's origin, base axes.
 
         Raises:
             CabolsError: if it cannot be used.
