@@ -9,6 +9,7 @@ input that takes longer than its deadline, a process that ends, memory that grow
 from __future__ import annotations
 
 import argparse
+import atexit
 import multiprocessing
 import os
 import shutil
@@ -59,6 +60,7 @@ def _child(name: str, folder: str, seed: int, until: int, seconds: float, at: An
 
     run(all_targets()[name], place, seed, until, seconds, progress)
     sys.stdout.flush()
+    atexit._run_exitfuncs()
     # Threads of servers and of DDS must not hold the process.
     os._exit(0)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -175,8 +177,14 @@ def open_grpc() -> Callable[[bytes], bool]:
 SENT = (*LIVE, "loop_status", "stop", "desired_wrench", "desired_tension", "operator_heartbeat")
 NODES = ("supervisor", "limb_controller", "wrench_controller", "load_program")
 READY_S = 60.0
+PR_SET_PDEATHSIG = 1
 SETTLE_S = 6.0
 MEMORY_BYTES = 5 * 1024 * 1024
+
+
+def _end_with_parent() -> None:
+    """A node must not outlive the fuzzer, however that ends (Linux)."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _resident(pid: int) -> int:
@@ -205,6 +213,7 @@ class Graph:
                 env=environment,
                 stdout=(logs / f"{name}.log").open("w"),
                 stderr=subprocess.STDOUT,
+                preexec_fn=_end_with_parent,  # noqa: PLW1509 - no thread runs yet
             )
             for name in NODES
         }

@@ -22,7 +22,7 @@ TEXT = """Write the SROS2 policy of the graph.
 
 One enclave a node, which may publish, subscribe, serve and call what the graph's tables say. Make
 keys of it with `ros2 security create_keystore`, `create_enclave` and `create_permission`."""
-NO_NODES = ("device_simulator", "recorder_only")
+NO_NODES = ("device_simulator",)
 """Executables that join no graph."""
 EVERYBODYS_PUBLISHED = ("/rosout", "/parameter_events", "/diagnostics", "loop_status")
 EVERYBODYS_READ = ("/parameter_events", "/clock", "loop_status", "mode")
@@ -36,6 +36,15 @@ PARAMETERS = (
     "set_parameters_atomically",
 )
 """Services that rclpy serves for every node, below the node's name."""
+BESIDE_READ = {
+    "console": (
+        *("/diagnostics", "/rosout", "campaign_status", "recording"),
+        *("reflector_measurement", "stiffness_estimate"),
+    ),
+    "supervisor": ("operator_heartbeat",),
+}
+"""What nodes read beside the graph's rows, for which no clock and no loop waits."""
+BESIDE_PUBLISHED = {"recorder": ("recording",)}
 STOPS = ("stop", "stop_received")
 """Whoever moves anything hears stops and acknowledges them; whoever presses one sends them."""
 
@@ -62,8 +71,10 @@ class Allowance:
         live = {LIVE + topic for topic, row in TOPICS.items() if row.live}
         # A node that will take a role listens first whether another one has it.
         self.publish = {*node.writes, *EVERYBODYS_PUBLISHED, *STOPS}
+        self.publish |= {*BESIDE_PUBLISHED.get(name, ())}
         self.publish |= {LIVE + topic for topic in node.writes if LIVE + topic in live}
         self.subscribe = {*node.reads, *node.writes, *EVERYBODYS_READ, *STOPS, *live}
+        self.subscribe |= {*BESIDE_READ.get(name, ())}
         self.reply = {f"{name}/{service}" for service in PARAMETERS}
         self.reply |= {s.name for s in SERVICES if name in s.servers and not s.action}
         self.request = {s.name for s in SERVICES if name in s.clients and not s.action}
