@@ -6,8 +6,10 @@ import json
 import shutil
 import sqlite3
 import warnings
+from collections import deque
 from collections.abc import Callable
 from contextlib import closing
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import numpy as np
 from abb_robot_client._egm_protobuf import egm_pb2
 from engine import Target
 from google.protobuf.message import DecodeError
+from mcap.records import DataEnd
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader
 from oracles import check, finite
@@ -178,7 +181,11 @@ def _theirs(path: Path) -> list[bytes] | None:
     try:
         with path.open("rb") as stream:
             records = StreamReader(stream, validate_crcs=True).records
-            return [record.data for record in records if isinstance(record, McapMessage)]
+            # What stands behind the data's end is its summary.
+            data = takewhile(lambda record: not isinstance(record, DataEnd), records)
+            found = [record.data for record in data if isinstance(record, McapMessage)]
+            deque(records, maxlen=0)
+            return found
     except Exception:
         # The library's own errors and those of broken fields, of many kinds.
         return None

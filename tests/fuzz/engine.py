@@ -18,8 +18,8 @@ from mutator import Mutator
 
 MEMORY_BYTES = 5 * 1024 * 1024
 """Most that a target may grow after it is warm."""
-WARM = 2000
-"""Inputs after which a target counts as warm, at most a tenth of a run."""
+WARM = 5000
+"""Inputs after which a target counts as warm, at most half of a run."""
 FINDINGS = 20
 """Of one kind, kept on disk."""
 PAGE = 4096
@@ -164,7 +164,7 @@ def run(
     begin = time.monotonic()
     signal.signal(signal.SIGALRM, _alarm)
     first, ran = outcome.done, 0
-    warm = min(WARM, max((until - first) // 10, 50))
+    warm = min(WARM, max((until - first) // 2, 50))
     warm_bytes = 0
     while outcome.done < until and (ran == 0 or time.monotonic() - begin < seconds):
         number = outcome.done

@@ -25,6 +25,8 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "harness")]
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Memory that is free goes back to the kernel, so that what stays is what somebody holds.
+os.environ.update(MALLOC_ARENA_MAX="1", MALLOC_MMAP_THRESHOLD_="65536")
 
 from engine import Outcome, Target, load_outcome, note, run, save_outcome  # noqa: E402
 

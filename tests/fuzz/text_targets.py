@@ -92,6 +92,7 @@ def open_yaml() -> Callable[[bytes], bool]:
         if COLON_IN_FLOW.search(text):
             # `{a:b:}`: the readers of YAML do not agree on what is key and what is value.
             return True
+        other.doc_infos.clear()  # else it keeps something of every document
         try:
             theirs = other.load(text)
         except DuplicateKeyError:

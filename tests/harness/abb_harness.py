@@ -15,6 +15,7 @@ from cabols_sim.devices.link import DeviceLink, PlantLink
 from cabols_sim.devices.robot.coupling import RobotCoupling
 from cabols_sim.devices.robot.robot_config import RobotConfig
 from cabols_sim.devices.robot.robot_target import RobotTarget
+from cabols_sim.devices.ur.controller import UrController
 
 STIFFNESS = [966398.0, 731208.0, 317900.0, 13277.0, 7744.0, 2141.0]
 QUICK = RobotConfig(STIFFNESS, speed=0.25, joint_speed=3.0, joint_acceleration=50.0)
@@ -63,6 +64,23 @@ def running_controller(egm_port: int, password: str = "robotics", wrench=None, *
     controller = AbbController(
         link, load_configurations(), egm_port, 0, password=password, **options
     )
+    clock.start()
+    link.start()
+    controller.start()
+    try:
+        yield clock, controller
+    finally:
+        controller.stop()
+        link.stop()
+        clock.end()
+
+
+@contextmanager
+def running_ur_controller(wrench=None, **options):
+    """The same clock with a simulated controller of Universal Robots."""
+    clock = PlantClock(wrench)
+    link = DeviceLink(clock.link.port)
+    controller = UrController(link, load_configurations(), **options)
     clock.start()
     link.start()
     controller.start()

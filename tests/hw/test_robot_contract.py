@@ -8,25 +8,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abb_harness import PATIENCE_S, running_controller, wait_until
+from abb_harness import PATIENCE_S, running_controller, running_ur_controller, wait_until
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
 from cabols_hw.abb.robot import AbbAddress, AbbRobot
 from cabols_hw.robot.interface import Capability, Robot
+from cabols_hw.ur.robot import UrRobot
 
 CERTIFICATE = Path(__file__).resolve().parents[1] / "data" / "simulated_controller.pem"
 CONTROLLERS = {
     "IRC5": {},
     "OmniCore": {"rws_version": 2, "certificate": str(CERTIFICATE)},
+    "UR": {},
 }
 
 
-@pytest.fixture(params=CONTROLLERS.values(), ids=CONTROLLERS.keys())
+@pytest.fixture(params=CONTROLLERS.keys())
 def bench(request):
     """The simulated arm's clock, the controller, and the rig's client as a Robot."""
+    if request.param == "UR":
+        with running_ur_controller() as (clock, controller):
+            other: Robot = UrRobot("127.0.0.1", controller.rtde.port)
+            yield clock, controller, other
+            other.close()
+        return
     reader = EgmReader(0)
-    with running_controller(reader.port, **request.param) as (clock, controller):
+    with running_controller(reader.port, **CONTROLLERS[request.param]) as (clock, controller):
         robot: Robot = AbbRobot(AbbAddress(controller.rws.url, "Default User", "robotics"), reader)
         yield clock, controller, robot
         robot.close()

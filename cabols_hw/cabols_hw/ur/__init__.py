@@ -1,0 +1,1 @@
+"""Robots of Universal Robots, over RTDE (Real-Time Data Exchange)."""

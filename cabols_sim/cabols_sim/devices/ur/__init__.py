@@ -1,0 +1,1 @@
+"""Simulated controller of Universal Robots: an RTDE server on the newest truth of the plant."""

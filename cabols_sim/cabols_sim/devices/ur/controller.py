@@ -1,0 +1,118 @@
+"""The simulated controller: program and RTDE on the newest truth of the plant."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cabols_control.serial_arm import SerialArm
+from cabols_hw.abb.configurations import RobotConfigurations
+from cabols_hw.ur.handshake import INPUTS, OUTPUTS, PLAYING
+from cabols_sim.devices.link import DeviceLink
+from cabols_sim.devices.robot.kinematics import Arm
+from cabols_sim.devices.ur.program import UrProgram
+from cabols_sim.devices.ur.rtde_server import RtdeServer
+
+WAIT_S = 0.1
+NORMAL_SAFETY = 1
+ON_AND_PLAYING = 0b11
+"""Bits of robot_status_bits: power is on, a program runs."""
+
+
+class UrController:
+    """All interfaces of the robot's controller to the rig's computer.
+
+    Attributes:
+        program: motors and the program.
+        rtde: the server; its port is rtde.port.
+    """
+
+    def __init__(
+        self,
+        link: DeviceLink,
+        configurations: RobotConfigurations,
+        rtde_port: int = 0,
+        serial: SerialArm | None = None,
+    ) -> None:
+        """Prepare; start() begins.
+
+        Args:
+            link: to the plant.
+            configurations: stored ones, and the tool.
+            rtde_port: of the server; 0: any.
+            serial: the arm; None: the bench's.
+
+        Raises:
+            RtdeServerError: if the port is taken.
+        """
+        self._link = link
+        self.program = UrProgram(link, len(configurations))
+        arm = Arm(
+            tool_position=configurations.tool_position,
+            tool_rotation=configurations.tool_rotation,
+            serial=serial,
+        )
+        self._arm = arm.at_its_base()
+        self._values: dict[str, Any] = {}
+        self.rtde = RtdeServer(self._value, self._take, rtde_port)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ur", daemon=True)
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self.rtde.start()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, within a second."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=1.0)
+        self.rtde.stop()
+
+    def _run(self) -> None:
+        sequence = 0
+        while not self._stop.is_set():
+            truth = self._link.wait(sequence, WAIT_S)
+            if truth is None:
+                continue
+            sequence = int(truth["sequence"])
+            self.program.step(truth)
+            self._values = self._fields(truth)
+            self.rtde.on_truth()
+
+    def _fields(self, truth: Any) -> dict[str, Any]:
+        """Output fields that are not zero."""
+        program = self.program
+        joints = np.array(truth["encoders"])
+        position, rotation, _ = self._arm.solve(joints)
+        pose = (*position.tolist(), *Rotation.from_matrix(rotation).as_rotvec().tolist())
+        speeds = tuple(truth["joint_speed"].tolist())
+        return {
+            "timestamp": 1e-9 * float(truth["time_ns"]),
+            "actual_q": tuple(joints.tolist()),
+            "target_q": tuple(joints.tolist()),
+            "actual_qd": speeds,
+            "actual_TCP_pose": pose,
+            "target_TCP_pose": pose,
+            "robot_mode": int(program.mode),
+            "safety_mode": NORMAL_SAFETY,
+            "safety_status_bits": 1,
+            "robot_status_bits": ON_AND_PLAYING * program.motors_on,
+            "runtime_state": PLAYING if program.running else 1,
+            "speed_scaling": 1.0,
+            **dict(zip(OUTPUTS, program.outputs, strict=True)),
+        }
+
+    def _value(self, name: str) -> Any:
+        if name.endswith(("_q", "_qd", "_pose", "_speed", "_force")):
+            return self._values.get(name, (0.0,) * 6)
+        return self._values.get(name, 0)
+
+    def _take(self, values: dict[str, int]) -> None:
+        program = self.program
+        found = [values.get(n, old) for n, old in zip(INPUTS, program.inputs, strict=True)]
+        program.write(found)
