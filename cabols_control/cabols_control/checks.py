@@ -12,9 +12,24 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
+_NO_NUMBERS = "cVMm"
+"""Kinds of arrays that numpy would turn into floats with a loss: complex, structured, times."""
+
+
 def plain_array(value: ArrayLike) -> FloatArray:
-    """Return value as a C-contiguous, aligned, writable float64 array; a copy where it is not."""
-    array = np.ascontiguousarray(value, dtype=np.float64)
+    """Return value as a C-contiguous, aligned, writable float64 array; a copy where it is not.
+
+    Args:
+        value: array-like of real numbers, in any byte order.
+
+    Raises:
+        TypeError: if it is complex, structured, of times, or has masked entries.
+        ValueError: if it is not numeric.
+    """
+    given = np.asarray(value)
+    if given.dtype.kind in _NO_NUMBERS or np.ma.is_masked(value):
+        raise TypeError(f"expected real numbers without a mask, got {given.dtype}")
+    array = np.ascontiguousarray(given, dtype=np.float64)
     flags = array.flags
     return array if flags.writeable and flags.aligned else array.copy()
 
@@ -36,7 +51,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     expected = "(" + ", ".join("n" if size is None else str(size) for size in shape) + ")"
     try:
         array = plain_array(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"{name}: expected numbers of shape {expected}, got {value!r}") from error
     fits = array.ndim == len(shape) and all(
         size is None or size == actual for size, actual in zip(shape, array.shape, strict=True)

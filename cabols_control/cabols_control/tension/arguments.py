@@ -143,7 +143,7 @@ def batch_rows(
     """Return value as a C-contiguous (k, *row) array; it need not be finite."""
     try:
         array = plain_array(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ShapeError(f"{name}: expected rows of numbers, got {value!r}") from error
     fits = array.ndim == 1 + len(row) and array.shape[1:] == row
     if not fits or (count is not None and array.shape[0] != count):

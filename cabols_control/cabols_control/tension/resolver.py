@@ -5,6 +5,8 @@ Each holds one work array, so an object serves one thread.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -47,8 +49,17 @@ from .kernels.work_array import (
 from .solution import TensionSolution
 
 _METHOD = "min_norm"
+_NATIVE = np.dtype(np.float64)
+"""numba takes a byte-swapped array for a native one, so the compiled entries get this type alone;
+an equal type that is another object (an unpickled one) takes the longer way, to the same answer."""
 _new = tuple.__new__
 _empty = np.empty
+
+
+def _native(position: Any, rotation: Any, wrench: Any) -> bool:
+    """Whether all three are arrays of native float64."""
+    same = position.dtype is _NATIVE and rotation.dtype is _NATIVE
+    return same and wrench.dtype is _NATIVE
 
 
 class TensionResolver:
@@ -94,8 +105,10 @@ class TensionResolver:
         """
         tension, residual = _empty(self.cables), _empty(6)
         try:
+            if wrench.dtype is not _NATIVE:  # type: ignore[union-attr]
+                raise TypeError
             code = solve_entry(self.work, wrench, tension, residual)
-        except TypeError:  # a list, float32, strided: convert, then the same way
+        except (TypeError, AttributeError):  # a list, float32, strided: convert, then the same way
             code = solve_entry(self.work, check_wrench(wrench), tension, residual)
         status = code & STATUS_MASK
         if status > INFEASIBLE:
@@ -116,8 +129,10 @@ class TensionResolver:
             ShapeError: if the wrench is not (6,) or not finite, or tension is not (n,).
         """
         try:
+            if wrench.dtype is not _NATIVE or tension.dtype is not _NATIVE:
+                raise TypeError
             status = solve_into_entry(self.work, wrench, tension)
-        except TypeError:  # a list, float32, strided or read-only: convert, then the same way
+        except (TypeError, AttributeError):  # a list, float32, strided, read-only: convert
             tension = output_row(tension, self.cables)
             status = solve_into_entry(self.work, check_wrench(wrench), tension)
         if status > INFEASIBLE:
@@ -131,8 +146,10 @@ class TensionResolver:
             ShapeError: if the wrench is not (6,) or not finite.
         """
         try:
+            if wrench.dtype is not _NATIVE:  # type: ignore[union-attr]
+                raise TypeError
             status = detect_entry(self.work, wrench)
-        except TypeError:
+        except (TypeError, AttributeError):
             status = detect_entry(self.work, check_wrench(wrench))
         if status > INFEASIBLE:
             refuse_wrench(wrench)
@@ -215,8 +232,10 @@ class RigTensionResolver:
         """
         tension, residual = _empty(self.cables), _empty(6)
         try:
+            if not _native(position, rotation, wrench):
+                raise TypeError
             code = solve_at_entry(self.work, position, rotation, wrench, tension, residual)
-        except TypeError:
+        except (TypeError, AttributeError):
             code = solve_at_entry(
                 self.work,
                 finite_array("position", position, (3,)),
@@ -250,8 +269,10 @@ class RigTensionResolver:
             ShapeError: if an argument has another shape or is not finite.
         """
         try:
+            if not _native(position, rotation, wrench) or tension.dtype is not _NATIVE:
+                raise TypeError
             status = solve_at_into_entry(self.work, position, rotation, wrench, tension)
-        except TypeError:
+        except (TypeError, AttributeError):
             status = solve_at_into_entry(
                 self.work,
                 finite_array("position", position, (3,)),
