@@ -93,6 +93,14 @@ def place_frame(frame: Any, position: FloatArray, rotation: FloatArray) -> None:
 
 
 @njit(cache=True)
+def _add_moment(lever: FloatArray, force: FloatArray, sign: float, torque: FloatArray) -> None:
+    """Add sign * lever x force to torque, all (3,)."""
+    torque[0] += sign * (lever[1] * force[2] - lever[2] * force[1])
+    torque[1] += sign * (lever[2] * force[0] - lever[0] * force[2])
+    torque[2] += sign * (lever[0] * force[1] - lever[1] * force[0])
+
+
+@njit(cache=True)
 def wrench_to_base(frame: Any, wrench: FloatArray, moved: FloatArray) -> None:
     """Fill moved (6,) about the platform's origin, base axes, of a wrench (6,) in a placed frame.
 
@@ -102,15 +110,15 @@ def wrench_to_base(frame: Any, wrench: FloatArray, moved: FloatArray) -> None:
         moved: (6,), filled [N, N m].
     """
     own = frame[0]
-    lever, turn = own["lever"], own["turn"]
+    turn = own["turn"]
+    force, torque = np.zeros(3), np.zeros(3)
     for i in range(3):
-        moved[i] = moved[3 + i] = 0.0
         for j in range(3):
-            moved[i] += turn[i, j] * wrench[j]
-            moved[3 + i] += turn[i, j] * wrench[3 + j]
-    moved[3] += lever[1] * moved[2] - lever[2] * moved[1]
-    moved[4] += lever[2] * moved[0] - lever[0] * moved[2]
-    moved[5] += lever[0] * moved[1] - lever[1] * moved[0]
+            force[i] += turn[i, j] * wrench[j]
+            torque[i] += turn[i, j] * wrench[3 + j]
+    _add_moment(own["lever"], force, 1.0, torque)
+    for i in range(3):
+        moved[i], moved[3 + i] = force[i], torque[i]
 
 
 @njit(cache=True)
@@ -123,15 +131,15 @@ def wrench_from_base(frame: Any, wrench: FloatArray, moved: FloatArray) -> None:
         moved: (6,) about the frame's origin, in its axes, filled [N, N m].
     """
     own = frame[0]
-    lever, turn = own["lever"], own["turn"]
-    torque = np.empty(3)
-    torque[0] = wrench[3] - (lever[1] * wrench[2] - lever[2] * wrench[1])
-    torque[1] = wrench[4] - (lever[2] * wrench[0] - lever[0] * wrench[2])
-    torque[2] = wrench[5] - (lever[0] * wrench[1] - lever[1] * wrench[0])
+    turn = own["turn"]
+    force, torque = np.empty(3), np.empty(3)
+    for i in range(3):
+        force[i], torque[i] = wrench[i], wrench[3 + i]
+    _add_moment(own["lever"], force, -1.0, torque)
     for i in range(3):
         moved[i] = moved[3 + i] = 0.0
         for j in range(3):
-            moved[i] += turn[j, i] * wrench[j]
+            moved[i] += turn[j, i] * force[j]
             moved[3 + i] += turn[j, i] * torque[j]
 
 
@@ -233,10 +241,12 @@ def wrench_frames(
     Raises:
         ConfigError: if a frame of the user's has a name that is taken.
     """
+    alias = {"base": _record(False, Axes.BASE, np.zeros(3), np.eye(3))} if base != "base" else {}
     standard = _record(False, Axes.OWN, np.zeros(3), np.eye(3))
     flange = tool.rotation.T
     records = {
         base: _record(False, Axes.BASE, np.zeros(3), np.eye(3)),
+        **alias,
         platform: standard,
         "tool": standard,
         "sensor": _record(False, Axes.OWN, sensor.position, sensor.rotation),
@@ -248,4 +258,8 @@ def wrench_frames(
             raise ConfigError(f"wrench_frames: expected another name than {taken}, got {name!r}")
         axes = Axes[frame.axes.upper()]
         records[name] = _record(frame.parent == "base", axes, frame.position, frame.rotation)
-    return WrenchFrames(tuple(records), records)
+    found = WrenchFrames(tuple(records), records)
+    # Compile or load the kernels now: a control loop does not wait for a compiler.
+    for move in (found.to_base, found.from_base):
+        move(base, np.zeros(6), np.zeros(3), np.eye(3))
+    return found

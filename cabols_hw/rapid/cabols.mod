@@ -12,14 +12,18 @@ MODULE cabols
     ! 4. Load cabols_watch.mod into a task of its own, as it says: without the rig's heartbeat
     !    this program moves nothing.
     ! 5. Drive through all configurations in manual mode, cables off.
-    ! The rig reads and writes the four PERS below over Robot Web Services, and starts and stops
+    ! The rig reads and writes the PERS below over Robot Web Services, and starts and stops
     ! this program; it never moves the robot through EGM.
 
-    PERS num cabols_target := 0;        ! configuration to move to, from 0
+    PERS num cabols_target := 0;        ! configuration to move to, from 0; -2: cabols_joint
     PERS bool cabols_go := FALSE;       ! set by the rig; taken back here when the motion begins
     PERS bool cabols_done := TRUE;      ! TRUE: stands at cabols_target
     PERS num cabols_error := 0;         ! 0 none, 1 no such configuration, 2 motion failed,
                                         ! 3 stopped, or not begun: the rig's heartbeat is silent
+                                        ! 4 cabols_speed or cabols_turning is out of its range
+    PERS jointtarget cabols_joint := [[0, 0, 0, 0, 0, 0], [9E+09, 9E+09, 9E+09, 9E+09, 9E+09, 9E+09]];
+    PERS num cabols_speed := 20;        ! mm/s, to cabols_joint: the cables are under load
+    PERS num cabols_turning := 3;       ! deg/s, likewise
     PERS bool cabols_rig_well := FALSE; ! of cabols_watch.mod: the rig's heartbeat comes
 
     PERS tooldata tCabols := [TRUE, [[0.0004575, -0.0004222, 150.0002274], [0.576953543031, 0.265485764515, -0.491354073763, -0.595997560582]],
@@ -27,6 +31,10 @@ MODULE cabols
 
     ! 60 mm/s and 10 deg/s: slow enough for the cables to follow.
     LOCAL CONST speeddata vCabols := [60, 10, 60, 10];
+    ! Most that the rig may ask for under load.
+    LOCAL CONST num speedMost := 100;
+    LOCAL CONST num turningMost := 10;
+    LOCAL VAR speeddata vLead;
     LOCAL CONST num nCabols := 13;
     LOCAL CONST jointtarget cabols_configuration{13} := [
         [[92.9567, 35.2664, -0.0274, 20.0000, -60.0000, 0.0000], [9E9, 9E9, 9E9, 9E9, 9E9, 9E9]],
@@ -76,7 +84,13 @@ MODULE cabols
     ENDPROC
 
     PROC cabols_move()
-        IF cabols_target < 0 OR cabols_target >= nCabols OR cabols_target <> Trunc(cabols_target) THEN
+        IF cabols_target = -2 THEN
+            IF cabols_speed < 1 OR cabols_speed > speedMost OR cabols_turning < 0.1 OR cabols_turning > turningMost THEN
+                cabols_error := 4;
+                RETURN;
+            ENDIF
+            vLead := [cabols_speed, cabols_turning, cabols_speed, cabols_turning];
+        ELSEIF cabols_target < 0 OR cabols_target >= nCabols OR cabols_target <> Trunc(cabols_target) THEN
             cabols_error := 1;
             RETURN;
         ENDIF
@@ -90,7 +104,11 @@ MODULE cabols
             RETURN;
         ENDIF
         ! fine: the next instruction runs when the robot stands. RAPID counts from 1.
-        MoveAbsJ cabols_configuration{cabols_target + 1} \NoEOffs, vCabols, fine, tCabols \WObj:=wobj0;
+        IF cabols_target = -2 THEN
+            MoveAbsJ cabols_joint \NoEOffs, vLead, fine, tCabols \WObj:=wobj0;
+        ELSE
+            MoveAbsJ cabols_configuration{cabols_target + 1} \NoEOffs, vCabols, fine, tCabols \WObj:=wobj0;
+        ENDIF
         WaitRob \ZeroSpeed;
         IDelete intSilent;
         cabols_done := TRUE;

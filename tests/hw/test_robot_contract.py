@@ -13,7 +13,7 @@ from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
 from cabols_hw.abb.robot import AbbAddress, AbbRobot
-from cabols_hw.robot.interface import Capability, Robot
+from cabols_hw.robot.interface import Capability, Leg, Robot
 from cabols_hw.ur.robot import UrRobot
 
 CERTIFICATE = Path(__file__).resolve().parents[1] / "data" / "simulated_controller.pem"
@@ -120,3 +120,62 @@ def test_motors_off_is_in_the_stream_and_refuses_motions(bench):
     wait_until(off, "motors off")
     with pytest.raises(RobotError, match="motor"):
         robot.move(1, PATIENCE_S, lambda: "", poll_s=0.02)
+
+
+@pytest.fixture
+def leading(bench):
+    """A bench whose robot can be led; another one refuses, and stands."""
+    clock, _, robot = bench
+    if Capability.LEAD in robot.info().capabilities:
+        return bench
+    before = clock.robot.encoders.copy()
+    with pytest.raises(RobotError, match="follows no path"):
+        robot.lead(leg_to(3), PATIENCE_S, lambda: "")
+    np.testing.assert_array_equal(clock.robot.encoders, before)
+    pytest.skip("this robot cannot be led")
+
+
+def leg_to(index, speed=0.05):
+    return Leg(load_configurations().joints(index), speed, 0.15)
+
+
+def test_a_leg_ends_at_its_joints(leading):
+    clock, _, robot = leading
+    robot.lead(leg_to(3), PATIENCE_S, lambda: "", poll_s=0.02)
+    # Angles go to the controller as decimal degrees.
+    assert clock.robot.encoders == pytest.approx(load_configurations().joints(3), abs=1e-7)
+    robot.move(1, PATIENCE_S, lambda: "", poll_s=0.02)
+    assert clock.robot.target_index == 1
+
+
+def test_a_leg_is_as_fast_as_stated(leading):
+    clock, _, robot = leading
+    peak = 0.0
+
+    def watch():
+        nonlocal peak
+        peak = max(peak, clock.robot.platform_speed)
+        return ""
+
+    robot.lead(leg_to(3, speed=0.03), PATIENCE_S, watch, poll_s=0.005)
+    assert 0.02 < peak <= 0.03 * 1.001
+
+
+def test_an_interrupted_leg_stops_the_robot(leading):
+    clock, _, robot = leading
+    with pytest.raises(MoveAbortedError, match="enough"):
+        robot.lead(
+            leg_to(5, 0.02), PATIENCE_S, lambda: "enough" if clock.robot.moving else "", 0.01
+        )
+    wait_until(lambda: not clock.robot.moving, "stop")
+    away = np.abs(clock.robot.encoders - load_configurations().joints(5)).max()
+    assert away > 1e-3
+
+
+@pytest.mark.parametrize("speed", [0.0005, 0.3])
+def test_the_program_bounds_a_legs_speed_itself(leading, speed):
+    clock, _, robot = leading
+    before = clock.robot.encoders.copy()
+    with pytest.raises(RobotError, match="allows no motion under load at this speed"):
+        robot.lead(leg_to(3, speed), PATIENCE_S, lambda: "", poll_s=0.02)
+    np.testing.assert_array_equal(clock.robot.encoders, before)

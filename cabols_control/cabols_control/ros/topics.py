@@ -13,6 +13,7 @@ from cabols_msgs.msg import (
     LoopStatus,
     Mode,
     MotorCurrent,
+    PathMotion,
     ProgramWrench,
     TensionCommand,
 )
@@ -116,6 +117,11 @@ def pose_layout(geometry: RigGeometry) -> Layout:
         strings={"header.frame_id": geometry.base_frame},
         joined={"pose": ("pose.position.x", 7)},
     )
+
+
+def path_motion_layout(geometry: RigGeometry) -> Layout:
+    """PathMotion in the base frame."""
+    return Layout(PathMotion, strings={"header.frame_id": geometry.base_frame})
 
 
 def mode_layout(reason: str = "", fault: str = "") -> Layout:

@@ -11,19 +11,28 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+import numpy as np
+
 from cabols_hw.abb.errors import RobotError
 from cabols_hw.abb.rws_client import RwsLane
 from cabols_hw.abb.rws_dialects import TASK, Dialect
+from cabols_hw.robot.interface import Leg
 
 STARTING = -1
 WITHDRAWN = -1
 """Target of a demand that is taken back: no such configuration, so that nothing moves."""
 
+LEAD = -2
+"""Target that stands for the joint angles in cabols_joint, at the stated speeds."""
+
+LEAD_VARIABLES = ("cabols_joint", "cabols_speed", "cabols_turning")
 VARIABLES = ("cabols_target", "cabols_go", "cabols_done", "cabols_error")
+NO_EXTERNAL_AXES = "[9E9, 9E9, 9E9, 9E9, 9E9, 9E9]"
 REASONS = {
     1: "the RAPID program has no such configuration: are both files of the same version?",
     2: "the motion failed on the controller: read its event log",
     3: "it stopped by itself, as the rig's heartbeat was silent",
+    4: "the RAPID program allows no motion under load at this speed",
 }
 
 
@@ -110,11 +119,11 @@ class RapidHandshake:
                 f"robot: controller is in state {state}: release emergency stops, press motors on"
             )
 
-    def demand(self, index: int, begin: Callable[[], None] = lambda: None) -> bool:
+    def demand(self, index: int | Leg, begin: Callable[[], None] = lambda: None) -> bool:
         """Demand a motion; starts the program where it does not run.
 
         Args:
-            index: of the stored configuration.
+            index: of the stored configuration, or a leg of a path.
             begin: called before the first request that may move the robot.
 
         Returns:
@@ -124,18 +133,28 @@ class RapidHandshake:
             RobotError: if the controller cannot be reached or refuses; see check_ready.
         """
         # First of all: without the module somebody else's program runs.
-        for name in VARIABLES:
+        leg = None if isinstance(index, int) else index
+        for name in VARIABLES if leg is None else VARIABLES + LEAD_VARIABLES:
             self._value(name)
         self.take_mastership()
         started = not self.running()
         if started:
             self._start(begin)
-        self.write("cabols_target", str(int(index)))
+        if leg is not None:
+            self._write_leg(leg)
+        self.write("cabols_target", str(LEAD if leg is not None else index))
         self.write("cabols_done", "FALSE")
         self.write("cabols_error", "0")
         begin()
         self.write("cabols_go", "TRUE")
         return started
+
+    def _write_leg(self, leg: Leg) -> None:
+        """Write a leg's angles [deg] and speeds [mm/s, deg/s]; the program bounds them itself."""
+        angles = ", ".join(f"{angle:.6f}" for angle in np.rad2deg(leg.joints))
+        self.write("cabols_joint", f"[[{angles}], {NO_EXTERNAL_AXES}]")
+        self.write("cabols_speed", f"{1e3 * leg.speed:.3f}")
+        self.write("cabols_turning", f"{np.rad2deg(leg.rotation_speed):.3f}")
 
     def _start(self, begin: Callable[[], None]) -> None:
         """Start the program from main: continuing would complete the aborted motion."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.rws import RobotMover
-from cabols_hw.robot.interface import Capability, RobotInfo, RobotSample
+from cabols_hw.robot.interface import Capability, Leg, RobotInfo, RobotSample
 
 EGM_RATE = 250.0
 AXES = 6
@@ -61,7 +61,7 @@ class AbbRobot:
             interface=f"RWS {self._mover.version}, EGM",
             axes=AXES,
             stream_rate=EGM_RATE,
-            capabilities=Capability.STREAM | Capability.MOVE | Capability.STOP,
+            capabilities=Capability.STREAM | Capability.MOVE | Capability.STOP | Capability.LEAD,
         )
 
     def take(self, timeout_s: float) -> RobotSample | None:
@@ -84,6 +84,23 @@ class AbbRobot:
             poll_s: its period [s].
         """
         self._mover.move(index, timeout_s, interrupted, poll_s)
+
+    def lead(
+        self,
+        leg: Leg,
+        timeout_s: float,
+        interrupted: Callable[[], str],
+        poll_s: float = 0.1,
+    ) -> None:
+        """Move to joint angles at a speed; see Robot.
+
+        Args:
+            leg: where to, and how fast.
+            timeout_s: for the whole motion [s].
+            interrupted: called every poll_s; a reason, to stop for it, or an empty string.
+            poll_s: its period [s].
+        """
+        self._mover.move(leg, timeout_s, interrupted, poll_s)
 
     def stop(self) -> None:
         """Stop RAPID and with it the robot; see Robot."""

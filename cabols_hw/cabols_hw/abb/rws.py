@@ -12,6 +12,7 @@ from cabols_hw.abb.errors import MoveAbortedError, RobotError, RwsError, RwsFail
 from cabols_hw.abb.rapid_handshake import RapidHandshake, judge_motion
 from cabols_hw.abb.rws_client import RwsLane, RwsSession
 from cabols_hw.abb.rws_stop import StopAttempts
+from cabols_hw.robot.interface import Leg
 
 __all__ = ["RobotMover", "judge_motion"]
 
@@ -67,7 +68,7 @@ class RobotMover:
         """Raise RobotError unless the controller is in AUTO with its motors on."""
         self._program.check_ready()
 
-    def start_move(self, index: int) -> None:
+    def start_move(self, index: int | Leg) -> None:
         """Demand a motion; starts the program where it does not run. See RapidHandshake.demand."""
         self._program.demand(index)
 
@@ -102,7 +103,7 @@ class RobotMover:
 
     def move(
         self,
-        index: int,
+        index: int | Leg,
         timeout_s: float,
         interrupted: Callable[[], str],
         poll_s: float = 0.1,
@@ -113,7 +114,7 @@ class RobotMover:
         was not begun is not stopped: another program may run.
 
         Args:
-            index: of the stored configuration.
+            index: of the stored configuration, or a leg of a path.
             timeout_s: for the whole motion.
             interrupted: called every poll_s; a reason, to abort for it, or an empty string.
             poll_s: its period; the controller is asked less often, see POLL_S.
@@ -122,7 +123,8 @@ class RobotMover:
             MoveAbortedError: after an interruption or the time-out; the robot has been stopped.
             RobotError: for everything else.
         """
-        motion = f"robot: motion to {configuration_name(index)}"
+        goal = configuration_name(index) if isinstance(index, int) else "the path's next point"
+        motion = f"robot: motion to {goal}"
         reason = interrupted()
         if reason:
             raise MoveAbortedError(f"{motion} not begun: {reason}")
@@ -189,7 +191,7 @@ class _Errand:
         begun: whether a request was made that may move the robot.
     """
 
-    def __init__(self, program: RapidHandshake, index: int) -> None:
+    def __init__(self, program: RapidHandshake, index: int | Leg) -> None:
         self._program, self._index = program, index
         self._lock = threading.Lock()
         self._cancelled = False

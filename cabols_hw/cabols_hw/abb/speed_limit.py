@@ -20,7 +20,12 @@ FREE_N = 15.0
 
 
 def allowed_speed(
-    rig: Rig, tension_max: float, wrench_max: ArrayLike, sensor_limits: ArrayLike, brake_s: float
+    rig: Rig,
+    tension_max: float,
+    wrench_max: ArrayLike,
+    sensor_limits: ArrayLike,
+    brake_s: float,
+    tension: ArrayLike | None = None,
 ) -> float:
     """Return the highest speed of the platform's origin [m/s].
 
@@ -30,6 +35,7 @@ def allowed_speed(
         wrench_max: (6,) that the safety envelope allows [N, N m].
         sensor_limits: (6,) range of the sensor [N, N m].
         brake_s: how long the robot takes to stand once it stops [s].
+        tension: (n,) of the cables at the start [N]; None: FREE_N, of cables that follow.
 
     Raises:
         ShapeError, OutOfRangeError: if an argument cannot be used.
@@ -43,7 +49,10 @@ def allowed_speed(
     directions = structure_matrix(geometry, *pose)[:3]
     stiffness = float(rig.limbs.stiffness)
     platform = stiffness * np.linalg.eigvalsh(directions @ directions.T).max()
-    held = np.linalg.norm(directions @ np.full(geometry.cables, FREE_N))
+    pulls = np.full(geometry.cables, FREE_N)
+    if tension is not None:
+        pulls = np.maximum(finite_array("tension", tension, (geometry.cables,)), 0.0)
+    held = np.linalg.norm(directions @ pulls)
     force = float(np.minimum(envelope[:3], sensor[:3]).min()) - held
-    way = min((tension_max - FREE_N) / stiffness, force / platform)
+    way = min((tension_max - float(pulls.max())) / stiffness, force / platform)
     return float(max(way, 0.0) / (SILENCE_S + PERIOD_S + 0.5 * brake_s))

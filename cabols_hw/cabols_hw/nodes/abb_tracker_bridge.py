@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import ipaddress
-import os
-import socket
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cabols_msgs.action import MeasureReflector, MoveToConfiguration
+from cabols_msgs.action import FollowPath, MeasureReflector, MoveToConfiguration
 from cabols_msgs.msg import ReflectorMeasurement
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.serialization import serialize_message
 
-from cabols_control.errors import ConfigError
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
@@ -32,6 +27,8 @@ from cabols_hw.abb.errors import MoveAbortedError, RobotError
 from cabols_hw.abb.robot import AbbAddress, AbbRobot
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.robot.interface import Robot
+from cabols_hw.ros.path_follower import PathFollower
+from cabols_hw.ros.robot_access import egm_sender, read_password
 from cabols_hw.ros.robot_stream import MOTORS_OFF, BaseFrame, RobotStream
 from cabols_hw.ros.robot_watch import RobotWatch
 from cabols_hw.ros.tracker_messages import measurement_message, status_notes, warm_up_note
@@ -40,8 +37,6 @@ from cabols_hw.tracker.client import TrackerClient
 from cabols_hw.tracker.config import load_tracker_config
 
 MAY_MOVE = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
-PASSWORD_VARIABLE = "CABOLS_ROBOT_PASSWORD"
-ANY = "any"
 FEEDBACK_S = 0.05
 END_S = 0.8
 AIM_SHARE = 0.1
@@ -76,10 +71,11 @@ class AbbTrackerBridge(ControlNode):
         self._aim_offset = np.zeros(3)
         self._measured = self.advertise("reflector_measurement")
         self._ending = False
-        self._motion: Worker | None = None
+        self._motion: Worker | PathFollower | None = None
         self._measurement: Worker | None = None
         self._servers = [
             self._serve(MoveToConfiguration, "move_to_configuration", self._judge_move, self._move),
+            self._serve(FollowPath, "follow_path", self._judge_path, self._follow_path),
             self._serve(MeasureReflector, "measure_reflector", self._judge_measure, self._measure),
         ]
 
@@ -91,7 +87,7 @@ class AbbTrackerBridge(ControlNode):
         controller = AbbAddress(
             url or f"http://{address}:{port}",
             declare(self, "user", "Default User", "of Robot Web Services"),
-            self._read_password(),
+            read_password(self),
             declare(self, "rws_certificate", "", "PEM file for https; empty: any is taken"),
         )
         self._timeout_s = declare(self, "move_timeout", 60.0, "s, for one motion", (0.1, 3600.0))
@@ -103,7 +99,7 @@ class AbbTrackerBridge(ControlNode):
         stale = declare_row(self, HW_NODES.argument("stale_after"))
         reader = EgmReader(
             declare_row(self, HW_NODES.argument("egm_port")),
-            self._egm_sender(address),
+            egm_sender(self, address),
             declare(self, "late_after", 0.03, "s, delay that counts as late", (0.001, 1.0)),
             speed,
             stale,
@@ -120,41 +116,11 @@ class AbbTrackerBridge(ControlNode):
         self._stream.on_fault = lambda: Worker(self._halt)
         self._stops = self._stream.stops = StopLatch(self, lambda: Worker(self._halt))
         self._robot_clock = robot_clock
+        self._path = PathFollower(self, self._robot, self._configurations, self._obstacle)
+        self._path.mode = lambda: self._stream.mode
         self._watch = RobotWatch(self, address, speed, self._configurations)
         self._stream.on_mode = self._watch.hear_mode
         return speed
-
-    def _egm_sender(self, robot_address: str) -> str:
-        """Return the IP address that the position stream must come from; empty for any."""
-        given = declare(
-            self, "egm_address", "", "IP that EGM must come from; empty: robot_address; any: any"
-        )
-        address = given or robot_address
-        if address == ANY:
-            return ""
-        try:
-            return str(ipaddress.IPv4Address(socket.gethostbyname(address)))
-        except OSError as error:
-            raise ConfigError(
-                f"egm_address: expected an IP address or 'any', got {address} ({error})"
-            ) from error
-
-    def _read_password(self) -> str:
-        path = declare(
-            self,
-            "password_file",
-            "",
-            f"its first line is the password; empty: ${PASSWORD_VARIABLE}, or ABB's default",
-        )
-        if not path:
-            return os.environ.get(PASSWORD_VARIABLE, "robotics")
-        try:
-            return Path(path).read_text(encoding="utf-8").splitlines()[0]
-        except (OSError, UnicodeDecodeError, IndexError) as error:
-            raise ConfigError(
-                f"password_file: expected a file whose first line is the password, got {path} "
-                f"({type(error).__name__})"
-            ) from error
 
     def _serve(self, kind: Any, name: str, judge: Callable[..., str], execute: Any) -> ActionServer:
         def answer(request: Any) -> GoalResponse:
@@ -277,6 +243,28 @@ class AbbTrackerBridge(ControlNode):
             joints=self._joints(),
             code=int(_code_of(worker.failure, code)),
         )
+
+    def _obstacle(self) -> str:
+        """Why the robot may not move in any mode; empty if it may."""
+        if self._stops.fault is not None:
+            return f"{self._stops.fault.reason}: call reset"
+        return self._watch.unwatched()
+
+    def _judge_path(self, request: Any) -> str:
+        return "a motion is under way" if self._motion is not None else self._path.judge(request)
+
+    async def _follow_path(self, handle: Any) -> Any:
+        if self._motion is not None:
+            handle.abort()
+            busy = int(ResultCode.BUSY)
+            return FollowPath.Result(message="a motion is under way", code=busy)
+        self._motion = self._path
+        try:
+            result = await self._path.execute(handle, lambda: self._ending, self._timeout_s)
+        finally:
+            self._motion = None
+        result.joints = self._joints()
+        return result
 
     def _drive(self, index: int, interrupted: Callable[[], str]) -> None:
         self._robot.move(index, self._timeout_s, interrupted, poll_s=0.05)

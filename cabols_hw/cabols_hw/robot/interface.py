@@ -22,6 +22,8 @@ class Capability(Flag):
     """It moves to stored configurations."""
     STOP = auto()
     """A request stops it, whatever it does."""
+    LEAD = auto()
+    """It moves to any joint angles at a stated speed."""
     HEARTBEAT = auto()
     """It stops by itself if the rig is silent."""
 
@@ -70,6 +72,21 @@ class RobotSample:
     received_s: float
 
 
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A motion of the loaded robot.
+
+    Attributes:
+        joints: (6,) to move to, encoders [rad].
+        speed: of the program's tool, at most [m/s].
+        rotation_speed: of it, at most [rad/s].
+    """
+
+    joints: FloatArray
+    speed: float
+    rotation_speed: float
+
+
 class Robot(Protocol):
     """A robot, as the rig sees it. Failures are RobotErrors that say what to do."""
 
@@ -98,6 +115,26 @@ class Robot(Protocol):
 
         Args:
             index: of the configuration.
+            timeout_s: for the whole motion [s].
+            interrupted: called every poll_s; a reason, to stop for it, or an empty string.
+            poll_s: its period [s].
+
+        Raises:
+            MoveAbortedError: after an interruption or the time-out; the robot has been stopped.
+            RobotError: for everything else.
+        """
+
+    def lead(
+        self,
+        leg: Leg,
+        timeout_s: float,
+        interrupted: Callable[[], str],
+        poll_s: float = 0.1,
+    ) -> None:
+        """Move to joint angles at a speed, else as move(): for robots with Capability.LEAD.
+
+        Args:
+            leg: where to, and how fast.
             timeout_s: for the whole motion [s].
             interrupted: called every poll_s; a reason, to stop for it, or an empty string.
             poll_s: its period [s].

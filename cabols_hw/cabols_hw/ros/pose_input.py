@@ -7,8 +7,9 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_control.pose_track import pose_time
 from cabols_control.ros import topics
-from cabols_control.ros.loop import Input
+from cabols_control.ros.loop import SLOW_INPUT, Input
 from cabols_control.ros.node import ControlNode
+from cabols_control.ros.sessions import same_session
 from cabols_control.rotations import read_pose
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety.guard import BridgeGuard
@@ -33,11 +34,24 @@ class PoseInput(Input):
         super().__init__(node, "platform_pose", layout, node.lockstep)
         self._bridge, self._guard = bridge, guard
         self.used = False
+        paths = topics.path_motion_layout(node.rig.geometry)
+        self._paths = Input(node, "path_motion", paths, node.lockstep)
+        # Also in lockstep: a robot has its own pace, and a path of another session moves nothing.
+        self._paths.judge = same_session(paths, node.status.sessions, lockstep=False)
+        self._turns = 0
+        # Compile or load it now: a control loop does not wait for a compiler.
+        read_pose(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
 
     def follow(self, now_s: float) -> None:
         """Take what has arrived; `now_s` is of the newest sample [s]."""
         if self.take() and (pose := read_pose(np.array(self.record["pose"]))) is not None:
             self.use(now_s, pose_time(1e-9 * self.stamp_ns, now_s), *pose)
+        self._turns += 1
+        if self._turns % SLOW_INPUT == 0 and self._paths.take():
+            path = self._paths.record
+            if path["active"]:
+                speeds = float(path["speed"]), float(path["rotation_speed"])
+                self._guard.safety.allow_path(now_s, *speeds)
 
     def use(self, now_s: float, stamp_s: float, position: FloatArray, rotation: FloatArray) -> None:
         """Use a pose if the safety envelope accepts it, which sees it as it came.

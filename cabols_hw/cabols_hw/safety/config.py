@@ -28,8 +28,10 @@ SMALLER = (
     ("pretension_force", "tension_max"),
     ("estimate_force", "tension_max"),
     ("search_speed", "cable_speed"),
-    ("speed_loaded", "speed_free"),
-    ("rotation_speed_loaded", "rotation_speed_free"),
+    ("speed_loaded", "speed_path"),
+    ("speed_path", "speed_free"),
+    ("rotation_speed_loaded", "rotation_speed_path"),
+    ("rotation_speed_path", "rotation_speed_free"),
     ("rotation_jump", "rotation_range"),
     ("encoder_jump", "cable_speed"),
 )
@@ -55,8 +57,11 @@ class SafetyConfig:
         position_range: (3,) of the platform about the reference position [m].
         rotation_range: angle from the reference orientation [rad].
         speed_loaded: of the platform under load [m/s].
+        speed_path: of the platform under load while a path is announced, at most [m/s];
+            speed_loaded where the file has none.
         speed_free: of the platform otherwise [m/s].
         rotation_speed_loaded: of the platform under load [rad/s].
+        rotation_speed_path: as speed_path [rad/s].
         rotation_speed_free: of the platform otherwise [rad/s].
         pose_age: of the newest platform pose [s].
         pose_jump: between two poses, beyond what speed_free allows [m].
@@ -103,6 +108,8 @@ class SafetyConfig:
     motion_time: Time = 0.03
     sensor_flat: Annotated[float, within(0.0, 10.0)] = 0.2
     relief_time: Time = 3.0
+    speed_path: Speed | None = None
+    rotation_speed_path: Turning | None = None
 
     def __post_init__(self) -> None:
         """Check lengths, and the limits against each other."""
@@ -112,11 +119,20 @@ class SafetyConfig:
                 raise ConfigError(f"{name}: expected {count} values, got {len(values)}")
         for smaller, larger in SMALLER:
             small, large = getattr(self, smaller), getattr(self, larger)
+            if small is None or large is None:
+                continue
             if not small <= large:
                 raise ConfigError(
                     f"{smaller}: expected at most {larger}, {large:g}, got {small:g}; a limit that "
                     "another one always meets first protects nothing"
                 )
+
+    @property
+    def path_speeds(self) -> tuple[float, float]:
+        """Most speed [m/s] and rotation speed [rad/s] under load while a path is announced."""
+        speed = self.speed_loaded if self.speed_path is None else self.speed_path
+        turning = self.rotation_speed_path
+        return speed, self.rotation_speed_loaded if turning is None else turning
 
 
 def load_safety(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> SafetyConfig:

@@ -353,3 +353,13 @@ class SafetyEnvelope:
             rotation: (3, 3) from platform to base axes.
         """
         return self._pose.hear(now_s, position, rotation)
+
+    def allow_path(self, now_s: float, speed: float, turning: float) -> None:
+        """Allow an announced path's speeds under load for a while; see PoseWatch.allow_path.
+
+        Args:
+            now_s: of the newest sample [s].
+            speed: of the platform [m/s].
+            turning: of the platform [rad/s].
+        """
+        self._pose.allow_path(now_s, speed, turning)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cabols_control.checks import FloatArray
@@ -13,6 +15,19 @@ from cabols_hw.safety.faults import AXES, BridgeFault
 
 SPEED_WINDOW_S = 0.02
 """Shortest time over which a speed is averaged [s]: poses come every 4 ms, unevenly."""
+PATH_HELD_S = 0.4
+"""How long an announced path's speeds are allowed: its sender repeats it, and a robot that is
+stopped needs some time to brake [s]."""
+PATH_MARGIN = 1.1
+"""Speeds that are allowed, in announced ones: robots overshoot."""
+
+
+class PathSpeeds(NamedTuple):
+    """What an announced path may do: speed [m/s], rotation speed [rad/s], until when [s]."""
+
+    speed: float
+    turning: float
+    until_s: float
 
 
 class PoseWatch:
@@ -40,7 +55,32 @@ class PoseWatch:
         self._speed = self._turning = 0.0
         self._fault: BridgeFault | None = None
         self._resting = True
+        self._path = PathSpeeds(0.0, 0.0, -np.inf)
         self.anew = False
+
+    def allow_path(self, now_s: float, speed: float, turning: float) -> None:
+        """Allow a path's speeds under load, within the limits of the file, for PATH_HELD_S.
+
+        Args:
+            now_s: of the newest sample, on the card's clock [s].
+            speed: of the platform that is announced [m/s].
+            turning: likewise [rad/s].
+        """
+        most, most_turning = self._config.path_speeds
+        # Written so that what is not a number allows nothing.
+        if 0.0 < speed < np.inf and 0.0 < turning < np.inf:
+            found = min(PATH_MARGIN * speed, most), min(PATH_MARGIN * turning, most_turning)
+            self._path = PathSpeeds(*found, now_s + PATH_HELD_S)
+
+    def _allowed(self, now_s: float, mode: OperatingMode) -> tuple[float, float]:
+        """Speed [m/s] and rotation speed [rad/s] that are allowed now."""
+        config = self._config
+        if mode not in LOADED:
+            return config.speed_free, config.rotation_speed_free
+        allowed = config.speed_loaded, config.rotation_speed_loaded
+        if not now_s <= self._path.until_s:
+            return allowed
+        return max(allowed[0], self._path.speed), max(allowed[1], self._path.turning)
 
     def hear(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
         """Take a platform pose that arrived after the sample at now_s; judged with the next sample.
@@ -90,19 +130,17 @@ class PoseWatch:
             )
         if self._fault is not None:
             return self._fault
-        allowed = self._config.speed_loaded if mode in LOADED else self._config.speed_free
+        allowed, turning = self._allowed(now_s, mode)
         if not self._speed <= allowed:
             return BridgeFault(
                 FaultName.POSE_SPEED,
                 f"the platform moves at {1e3 * self._speed:.0f} mm/s, "
                 f"{1e3 * allowed:.0f} mm/s allowed in {mode.name}",
             )
-        config = self._config
-        allowed = config.rotation_speed_loaded if mode in LOADED else config.rotation_speed_free
-        if not self._turning <= allowed:
+        if not self._turning <= turning:
             return BridgeFault(
                 FaultName.POSE_SPEED,
-                f"the platform turns at {self._turning:.2f} rad/s, {allowed:g} rad/s allowed in "
+                f"the platform turns at {self._turning:.2f} rad/s, {turning:g} rad/s allowed in "
                 f"{mode.name}",
             )
         return None

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.naming import configuration_name
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
-from cabols_hw.robot.interface import Capability, RobotInfo, RobotSample
+from cabols_hw.robot.interface import Capability, Leg, RobotInfo, RobotSample
 from cabols_hw.ur.connection import RtdeConnection
 from cabols_hw.ur.handshake import (
     ACCEPTED,
@@ -150,6 +150,27 @@ class UrRobot:
                 raise MoveAbortedError(f"robot: {configuration_name(index)}: stopped: {why}")
             if heard["robot_mode"] != RobotMode.RUNNING:
                 raise RobotError(NO_MOTORS)
+
+    def lead(
+        self,
+        leg: Leg,
+        timeout_s: float,
+        interrupted: Callable[[], str],
+        poll_s: float = 0.1,
+    ) -> None:
+        """Refuse: the program knows stored configurations alone (no Capability.LEAD).
+
+        Args:
+            leg: where to, and how fast.
+            timeout_s: for the whole motion [s].
+            interrupted: not called.
+            poll_s: its period [s].
+
+        Raises:
+            RobotError: always; nothing moves.
+        """
+        del leg, timeout_s, interrupted, poll_s
+        raise RobotError("robot: its program follows no path: it knows stored configurations alone")
 
     def _judge(self, index: int, error: ProgramError, stops: int) -> None:
         """Return if a finished request was obeyed."""

@@ -49,6 +49,7 @@ ROBOT_COMMAND = np.dtype(
         ("index", "<i4"),  # stored configuration; -1: the joints below
         ("joints", "<f8", (6,)),  # rad
         ("speed_scale", "<f8"),  # of the speed limit
+        ("speed", "<f8"),  # of the platform's origin, in place of the limit [m/s]; 0: the limit
         ("sequence", "<u8"),  # counts commands from 1
     ]
 )
@@ -194,15 +195,25 @@ class DeviceLink:
         """Ask for a motion to a configuration (or to (6,) joints [rad]); return its number."""
         return self._command(Kind.MOVE, -1 if joints is not None else index, joints, speed_scale)
 
+    def lead(self, joints: FloatArray, speed: float) -> int:
+        """Ask for a motion to (6,) joints [rad] at a speed [m/s]; return its number."""
+        return self._command(Kind.MOVE, -1, joints, 1.0, speed)
+
     def halt(self) -> int:
         """Ask the robot to stop; return the command's number."""
         return self._command(Kind.STOP, -1, None, 1.0)
 
     def _command(
-        self, kind: Kind, index: int, joints: FloatArray | None, speed_scale: float
+        self,
+        kind: Kind,
+        index: int,
+        joints: FloatArray | None,
+        speed_scale: float,
+        speed: float = 0.0,
     ) -> int:
         record: Any = np.zeros(1, dtype=ROBOT_COMMAND)[0]
         record["kind"], record["index"], record["speed_scale"] = kind, index, speed_scale
+        record["speed"] = speed
         if joints is not None:
             record["joints"] = joints
         with self._condition:

@@ -7,6 +7,7 @@ from typing import Any
 
 from cabols_msgs.action import (
     CommissionLimb,
+    FollowPath,
     MeasureReflector,
     MoveToConfiguration,
     RunProgram,
@@ -42,6 +43,7 @@ ACTIONS: dict[str, Any] = {
     "run_program": RunProgram,
     "commission_limb": CommissionLimb,
     "move_to_configuration": MoveToConfiguration,
+    "follow_path": FollowPath,
     "measure_reflector": MeasureReflector,
     "run_stiffness_test": RunStiffnessTest,
 }

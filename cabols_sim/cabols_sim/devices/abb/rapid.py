@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from enum import Enum
 from typing import Any, Protocol
 
+import numpy as np
+
+from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 
 NO_CONFIGURATION = 1
 """Value of cabols_error for an unknown index."""
 RIG_SILENT = 3
 """Value of cabols_error for a motion that stopped, or did not begin, without the heartbeat."""
+
+NO_SUCH_SPEED = 4
+"""Value of cabols_error for a leg at a speed that the program does not allow."""
+LEAD = -2.0
+"""Value of cabols_target that stands for cabols_joint."""
+SPEEDS, TURNINGS = (1.0, 100.0), (0.1, 10.0)
+"""Least and most of cabols_speed [mm/s] and cabols_turning [deg/s]."""
+THERE_RAD = 1e-6
+NO_EXTERNAL_AXES = "[9E9, 9E9, 9E9, 9E9, 9E9, 9E9]"
 
 
 class RapidError(CabolsError):
@@ -23,6 +36,9 @@ class Mover(Protocol):
 
     def move(self, index: int, speed_scale: float = 1.0) -> int:
         """Ask for a motion; return the command's number."""
+
+    def lead(self, joints: FloatArray, speed: float) -> int:
+        """Ask for a motion to (6,) joints [rad] at a speed [m/s]; return the command's number."""
 
     def halt(self) -> int:
         """Ask for a stop; return the command's number."""
@@ -54,12 +70,16 @@ class RapidProgram:
         self._mover = mover
         self._configurations = configurations
         self._lock = threading.RLock()
-        self._variables: dict[str, float | bool] = {
+        self._variables: dict[str, float | bool | str] = {
             "cabols_target": 0.0,
             "cabols_go": False,
             "cabols_done": True,
             "cabols_error": 0.0,
+            "cabols_joint": f"[[0, 0, 0, 0, 0, 0], {NO_EXTERNAL_AXES}]",
+            "cabols_speed": 20.0,
+            "cabols_turning": 3.0,
         }
+        self._leg: FloatArray | None = None
         self._pointer = Pointer.WAITING
         self._command = 0
         self._issued = False
@@ -83,7 +103,7 @@ class RapidProgram:
             value = self._variables[name]
         if isinstance(value, bool):
             return "TRUE" if value else "FALSE"
-        return f"{value:g}"
+        return value if isinstance(value, str) else f"{value:g}"
 
     def set(self, name: str, text: str) -> None:
         """Write a RAPID variable; KeyError if there is none, RapidError for another type."""
@@ -92,6 +112,10 @@ class RapidProgram:
                 if text.upper() not in ("TRUE", "FALSE"):
                     raise RapidError(f"{name}: expected TRUE or FALSE, got {text!r}")
                 self._variables[name] = text.upper() == "TRUE"
+                return
+            if isinstance(self._variables[name], str):
+                _joint_target(name, text)
+                self._variables[name] = text
                 return
             try:
                 self._variables[name] = float(text)
@@ -166,8 +190,17 @@ class RapidProgram:
         self._variables["cabols_go"] = False
         self._variables["cabols_done"] = False
         self._variables["cabols_error"] = 0.0
-        wanted = self._variables["cabols_target"]
-        if not (0.0 <= wanted < self._configurations and wanted == int(wanted)):
+        wanted = float(self._variables["cabols_target"])
+        self._leg = None
+        if wanted == LEAD:
+            if not (
+                SPEEDS[0] <= float(self._variables["cabols_speed"]) <= SPEEDS[1]
+                and TURNINGS[0] <= float(self._variables["cabols_turning"]) <= TURNINGS[1]
+            ):
+                self._variables["cabols_error"] = float(NO_SUCH_SPEED)
+                return
+            self._leg = _joint_target("cabols_joint", str(self._variables["cabols_joint"]))
+        elif not (0.0 <= wanted < self._configurations and wanted == int(wanted)):
             self._variables["cabols_error"] = float(NO_CONFIGURATION)
             return
         if not self._rig_well:
@@ -181,13 +214,41 @@ class RapidProgram:
         if not self._issued:
             # A motion that was stopped still brakes: the robot refuses another one until it stands.
             if not truth["moving"]:
-                self._command = self._mover.move(self._index)
+                self._command = self._issue()
                 self._issued = True
             return
         if int(truth["acknowledged"]) < self._command or truth["moving"]:
             return
-        if int(truth["target_index"]) == self._index:
+        if self._there(truth):
             self._variables["cabols_done"] = True
             self._pointer = Pointer.WAITING
         else:
             self._issued = False
+
+    def _issue(self) -> int:
+        """Ask the robot for the motion that is demanded; return the command's number."""
+        if self._leg is None:
+            return self._mover.move(self._index)
+        return self._mover.lead(self._leg, 1e-3 * float(self._variables["cabols_speed"]))
+
+    def _there(self, truth: Any) -> bool:
+        if self._leg is None:
+            return int(truth["target_index"]) == self._index
+        return bool(np.abs(truth["encoders"] - self._leg).max() < THERE_RAD)
+
+
+def _joint_target(name: str, text: str) -> FloatArray:
+    """Read the (6,) angles [rad] of a jointtarget as RAPID writes it.
+
+    Raises:
+        RapidError: if it is none.
+    """
+    try:
+        rows = json.loads(text)
+        found = np.array(rows, dtype=np.float64)
+    except (ValueError, TypeError):
+        found = np.zeros(0)
+    if found.shape != (2, 6) or not np.isfinite(found).all():
+        raise RapidError(f"{name}: expected a jointtarget, got {text!r}")
+    angles, _ = found
+    return np.asarray(np.deg2rad(angles), dtype=np.float64)

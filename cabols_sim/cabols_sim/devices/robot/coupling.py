@@ -60,7 +60,7 @@ class RobotCoupling:
             index = int(command["index"])
             goal = index if index >= 0 else command["joints"]
             try:
-                self.robot.move_to(goal, float(command["speed_scale"]))
+                self.robot.move_to(goal, float(command["speed_scale"]), float(command["speed"]))
             except CabolsError:
                 # The devices check; the plant must not end because of a stray datagram.
                 return

@@ -17,6 +17,9 @@ from cabols_sim.devices.robot.trajectory import Motion, duration_s
 NOWHERE = -1
 """Target index of a robot that stands, or moves, at no stored configuration."""
 
+FASTEST = 0.25
+"""Of the platform's origin in any motion [m/s]."""
+
 STILL_RAD = 1e-12
 """Largest change of the joints that leaves the pose as it is, without new cable lengths [rad]."""
 
@@ -127,12 +130,13 @@ class RobotTarget:
             return 0.0
         return float(np.linalg.norm(self.jacobian[:3] @ self.joint_speed))
 
-    def move_to(self, goal: int | FloatArray, speed_scale: float = 1.0) -> bool:
+    def move_to(self, goal: int | FloatArray, speed_scale: float = 1.0, speed: float = 0.0) -> bool:
         """Begin a motion from where it stands.
 
         Args:
             goal: index of a stored configuration, or (6,) angles [rad].
             speed_scale: of the platform's speed limit, over 0 to 1.
+            speed: in place of that limit [m/s]; 0: the limit.
 
         Returns:
             False if a motion is under way or the robot is disabled: nothing was begun.
@@ -144,12 +148,13 @@ class RobotTarget:
         joints = (
             self._configurations.joints(int(goal)) if by_index else finite_array("goal", goal, (6,))
         )
-        speed = self._config.speed * in_range("speed_scale", speed_scale, 0.01, 1.0)
+        limit = in_range("speed", speed, 1e-4, FASTEST) if speed else self._config.speed
+        most = limit * in_range("speed_scale", speed_scale, 0.01, 1.0)
         if self.moving or self.disabled:
             return False
         config = self._config
         time_s = duration_s(
-            self.arm, self.encoders, joints, speed, config.joint_speed, config.joint_acceleration
+            self.arm, self.encoders, joints, most, config.joint_speed, config.joint_acceleration
         )
         self.target_index = int(goal) if by_index else NOWHERE
         if time_s > 0.0:
