@@ -40,7 +40,7 @@ DEVICES = NodeSpec(
     (),
     (),
     role=Role.SIMULATION,
-    takes=("rig", "fifo_priority", "cpu", "seed", "robot_watch"),
+    takes=("rig", "fifo_priority", "cpu", "seed", "robot_watch", "rws_version"),
     fifo_below=2,
 )
 ARGUMENTS = (
@@ -62,6 +62,13 @@ ARGUMENTS = (
         kinds=("bench",),
         bounds=(0.02, 10.0),
         unit="s",
+    ),
+    Argument(
+        "rws_version",
+        1,
+        "of the simulated robot's web services: 1 as of IRC5, 2 as of OmniCore",
+        kinds=("bench",),
+        bounds=(1, 2),
     ),
     Argument("truth", False, "publish what no sensor sees", kinds=("bench",)),
     Argument("lockstep", False, "deterministic: the clock waits for answers", kinds=("bench",)),

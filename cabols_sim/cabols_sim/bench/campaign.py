@@ -58,6 +58,7 @@ class BenchCampaign:
         robot_file: YAML of the simulated robot; empty: the rig's.
         real_time: by the wall clock instead of lockstep.
         rig: name or folder, see find_rig.
+        rws_version: of the simulated robot's web services, 1 or 2.
     """
 
     folder: Path
@@ -67,6 +68,7 @@ class BenchCampaign:
     robot_file: str = ""
     real_time: bool = False
     rig: str = BENCH
+    rws_version: int = 1
 
     def values(self) -> dict[str, Any]:
         """Arguments of the graph."""
@@ -80,6 +82,7 @@ class BenchCampaign:
             "record": False,
             "lockstep": not self.real_time,
             "seed": self.seed,
+            "rws_version": self.rws_version,
             "robot_file": self.robot_file,
             **({} if self.real_time else {"stale_after": STALE_S, "state_timeout": STALE_S}),
         }
@@ -172,6 +175,7 @@ def _run(options: argparse.Namespace) -> int:
         options.robot_file,
         options.real_time,
         options.rig,
+        options.rws_version,
     )
     pace = "in real time" if options.real_time else "in lockstep"
     print(f"stiffness campaign on the simulated rig, {pace}, into {options.output}", flush=True)
@@ -224,6 +228,7 @@ def _arguments() -> argparse.Namespace:
         default="",
         help="YAML of the simulated robot; default: the rig's",
     )
+    add("--rws-version", type=int, choices=(1, 2), default=1, help="1: IRC5, 2: OmniCore")
     add("--real-time", action="store_true", help="by the wall clock instead of lockstep")
     add("--fresh", action="store_true", help="do not go on with a campaign that was cut")
     return parser.parse_args()

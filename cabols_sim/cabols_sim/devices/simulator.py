@@ -36,7 +36,14 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add("--link-port", type=int, default=DEFAULT_LINK_PORT, help="UDP port of the plant")
     add("--egm-port", type=int, default=DEFAULT_EGM_PORT, help="UDP port that EGM is sent to")
     add("--rws-port", type=int, default=DEFAULT_RWS_PORT, help="TCP port of RWS; 0: any")
-    add("--rws-version", type=int, choices=(1, 2), default=1, help="1: IRC5, 2: OmniCore")
+    add(
+        "--rws-version",
+        "--rws_version",
+        type=int,
+        choices=(1, 2),
+        default=1,
+        help="1: IRC5, 2: OmniCore",
+    )
     add(
         "--rws-certificate",
         type=existing_file,
