@@ -13,6 +13,7 @@ import socket
 import struct
 import time
 
+from cabols_control.naming import number
 from cabols_hw.abb.egm_sample import EgmSample, read_packet
 from cabols_hw.abb.errors import RobotError
 from cabols_hw.abb.packet_counter import PacketCounter
@@ -28,6 +29,9 @@ SILENCE_S = 0.02
 
 OTHER_ADDRESS_S = 1.0
 """The same for one with another IP address, where none is set [s]."""
+
+EXTERNAL_AXIS_LIMIT = 0.05
+"""Noise of an axis that stands [deg or mm, as the controller gives it]."""
 
 KNOWN_SENDERS = 64
 PACKET_LIMIT = 65536
@@ -130,6 +134,7 @@ class EgmReader:
         self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self.port: int = self._socket.getsockname()[1]
         self._guard = SenderGuard(robot_address)
+        self._external: tuple[float, ...] | None = None
         self._clock_rate = clock_rate
         self._max_age_s = max_age_s
         self.counter = CountedStream(late_after_s)
@@ -177,12 +182,30 @@ class EgmReader:
         if not isinstance(sample, EgmSample):
             self.counter.refuse(*sample)
             return None
+        if moved := self._moved_axis(sample.external):
+            self.counter.refuse(Refusal.EXTERNAL_AXIS, moved)
+            return None
         if self._guard.hear(sender, received_s):
             self.counter.renew()
         fresh = self.counter.take(
             sample.sequence, 1e-9 * sample.robot_time_ns, received_s * self._clock_rate
         )
         return sample if fresh else None
+
+    def _moved_axis(self, external: tuple[float, ...]) -> str:
+        """Say which external axis is not where it was in the first packet; empty if none is.
+
+        A positioner may stand anywhere, but what carries the robot's base must stand still: poses
+        are relative to it.
+        """
+        if self._external is None:
+            self._external = external
+        if len(external) != len(self._external):
+            return f"{len(external)} external axes, {len(self._external)} before"
+        for index, (now, first) in enumerate(zip(external, self._external, strict=True)):
+            if not abs(now - first) <= EXTERNAL_AXIS_LIMIT:
+                return f"axis {number(index)} went from {first:.4g} to {now:.4g}"
+        return ""
 
     def close(self) -> None:
         """Close the socket."""

@@ -70,4 +70,5 @@ def read_packet(raw: bytes, received_s: float) -> EgmSample | tuple[Refusal, str
             rapid.state == rapid.RAPID_RUNNING or not message.HasField("rapidExecState")
         ),
         received_s=received_s,
+        external=tuple(float(axis) for axis in feedback.externalJoints.joints),
     )

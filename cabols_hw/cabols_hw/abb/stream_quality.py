@@ -20,6 +20,7 @@ class Refusal(Enum):
     ADDRESS = "packets from another address than the robot's"
     SECOND_SENDER = "packets of a second sender on the port"
     OLD = "packets that had waited too long"
+    EXTERNAL_AXIS = "packets of a robot whose external axis has moved"
 
 
 ADVICE = {
@@ -30,6 +31,8 @@ ADVICE = {
     Refusal.ADDRESS: "set robot_address or egm_address to the controller's",
     Refusal.SECOND_SENDER: "give each robot its own port; the first sender stays the robot",
     Refusal.OLD: "this computer was busy; the newest ones are used",
+    Refusal.EXTERNAL_AXIS: "a track would carry the robot's base, taken for fixed: move it "
+    "back, or register the frames anew and restart this node",
 }
 MALFORMED = (Refusal.NOT_EGM, Refusal.NO_POSE, Refusal.JOINTS, Refusal.NOT_FINITE)
 

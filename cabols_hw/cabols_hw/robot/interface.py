@@ -60,6 +60,7 @@ class RobotSample:
         motors_on: whether the motors are on.
         rapid_running: whether the robot's program runs.
         received_s: time.monotonic() when it arrived at this computer.
+        external: further axes that the controller tells, in its own units [deg or mm].
     """
 
     sequence: int
@@ -70,6 +71,7 @@ class RobotSample:
     motors_on: bool
     rapid_running: bool
     received_s: float
+    external: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
