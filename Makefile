@@ -146,7 +146,7 @@ bench-console: setup  ## measure what the console costs the rig
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_console.py $(ARGS)
 
-faults: setup  ## break everything, 20 times each, in the loaded rig (an hour; goes on where it was)
+faults: setup  ## break everything, in every state (hours; goes on where it was; ARGS=--short: minutes)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
 
 stop-trials: setup  ## press the stop 1000 times, also beside a supervisor's restart (goes on where it was)

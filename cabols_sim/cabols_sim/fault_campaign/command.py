@@ -6,9 +6,10 @@ from pathlib import Path
 
 from cabols_control.command_line import CommandParser, rig_option
 
-TEXT = """Every fault, many times, in the loaded simulated rig.
+TEXT = """Every fault, many times, in the simulated rig: first in one process, in every state of the
+rig, then with the real nodes under load.
 
-Goes on where it was interrupted; build/faults/trials.jsonl keeps every trial."""
+Goes on where it was interrupted; build/faults/generated.jsonl and trials.jsonl keep every trial."""
 
 
 def fault_campaign_parser() -> CommandParser:
@@ -18,6 +19,14 @@ def fault_campaign_parser() -> CommandParser:
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/faults"), help="folder (default: %(default)s)")
     add("--seeds", type=int, default=20, help="trials of each kind (default: %(default)s)")
+    add(
+        "--generated", type=int, default=12, help="trials of each kind in one process (%(default)s)"
+    )
+    add(
+        "--short",
+        action="store_true",
+        help="one trial of each kind in one process, none with the real nodes: minutes",
+    )
     add("--only", default="", help="only kinds whose name contains this")
     add("--fresh", action="store_true", help="forget the trials done so far")
     add(

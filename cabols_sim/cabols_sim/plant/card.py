@@ -62,6 +62,19 @@ class SimulatedQ8:
         self._closed = False
         self._late = 0
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy keeps: all but the lock."""
+        return {name: value for name, value in vars(self).items() if name != "_lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become a copy, with a lock of its own.
+
+        Args:
+            state: of __getstate__.
+        """
+        vars(self).update(state)
+        self._lock = threading.Lock()
+
     def start(self, watchdog_s: float) -> None:
         """Begin sampling now; see Daq.start."""
         self._watchdog_ns = round(1e9 * watchdog_s)

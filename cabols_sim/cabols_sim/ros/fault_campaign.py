@@ -1,4 +1,4 @@
-"""Executable fault_campaign: every fault, many times, in the loaded simulated rig.
+"""Executable fault_campaign: every fault, many times, in the simulated rig.
 
 It continues where it was interrupted; build/faults/trials.jsonl holds every trial.
 """
@@ -19,6 +19,7 @@ from cabols_control.output_folder import output_folder
 from cabols_control.ros.rig_client import AbandonedError, RigError
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 from cabols_sim.fault_campaign.command import fault_campaign_parser
+from cabols_sim.fault_campaign.in_process.command import run_generated
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
@@ -107,7 +108,12 @@ def main() -> int:
     """Run the campaign; 0 if its claims hold, 1 if not, 130 after Ctrl-C."""
     options = fault_campaign_parser().parse_args()
     with output_folder(options.output, "fault_campaign", keep=not options.fresh) as folder:
+        seeds = 1 if options.short else options.generated
+        held = run_generated(options.output, options.rig, seeds, options.only)
+        if options.short:
+            return DONE if held else FAILED
         code = _campaign(options)
+        code = code if held or code != DONE else FAILED
         if not _todo(options, options.output / TRIALS):
             folder.finish()
     return code

@@ -1,0 +1,1 @@
+"""The generated fault campaign in one process: states of the rig, each broken in every way."""

@@ -1,0 +1,211 @@
+"""Bridge, guard, controllers and plant in one process, in lockstep, without ROS."""
+
+from __future__ import annotations
+
+import copy
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from cabols_control.checks import FloatArray
+from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
+from cabols_control.rig import Rig
+from cabols_control.supervision.modes import OperatingMode
+from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
+from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.card.config import CardConfig
+from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.safety.guard import BridgeGuard
+from cabols_sim.plant.card import SimulatedQ8
+from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.plant import Plant
+
+PERIOD_S = 0.001
+SPRING_END_N, BREAK_N = 150.0, 890.0
+"""Ends of the plant's limbs: of the spring, and of the cable."""
+POSE_EVERY, POSE_LAG = 4, 6
+"""Samples between two poses, and a pose's age in samples when it arrives."""
+HEARTBEAT_S, BRAKE_S = 0.12, 0.3
+"""From the bridge's fault until the robot begins to brake (a beat and its silence), and braking."""
+
+
+class MovingRobot:
+    """Carries the platform at a constant velocity, whatever pulls at it, until it is stopped.
+
+    Attributes:
+        position: (3,) of the platform, base frame [m].
+        rotation: (3, 3) platform to base.
+        velocity: (3,) [m/s].
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        """Stand at the reference pose.
+
+        Args:
+            rig: its geometry.
+        """
+        self.position = np.array(rig.geometry.reference_position)
+        self.rotation = np.array(rig.geometry.reference_rotation)
+        self.velocity = np.zeros(3)
+        self._now_s, self._began_s, self._brakes_s = 0.0, 0.0, np.inf
+
+    def move(self, velocity: FloatArray) -> None:
+        """Go on with a velocity (3,) [m/s], reached within BRAKE_S.
+
+        Args:
+            velocity: (3,) base frame [m/s].
+        """
+        self.velocity, self._began_s = np.array(velocity), self._now_s
+
+    def stop(self) -> None:
+        """Brake once the silence of the rig's heartbeat has been noticed."""
+        self._brakes_s = min(self._brakes_s, self._now_s + HEARTBEAT_S)
+
+    def step(self, wrench: FloatArray, dt_s: float) -> bool:
+        """Advance; whether the pose has changed.
+
+        Args:
+            wrench: (6,) of the cables; it moves nothing.
+            dt_s: step [s].
+        """
+        del wrench
+        self._now_s += dt_s
+        share = min((self._now_s - self._began_s) / BRAKE_S, 1.0)
+        share *= float(np.clip(1.0 - (self._now_s - self._brakes_s) / BRAKE_S, 0.0, 1.0))
+        if not share > 0.0 or not self.velocity.any():
+            return False
+        self.position += share * dt_s * self.velocity
+        return True
+
+
+class LockstepRig:
+    """The control path of the bench, stepped by a millisecond.
+
+    Attributes:
+        plant: the truth.
+        guard: of the bridge.
+        robot: that holds the platform.
+        mode: set by the trial; FAULT follows the guard's.
+        desired: (6,) wrench [N, N m].
+        now_s: of the newest sample [s].
+        limb_controller_runs: whether the limb controller answers.
+        wrench_controller_runs: whether the wrench controller answers.
+        change_current: what a wrong controller makes of its (n,) currents [A].
+        change_tension: what a wrong controller makes of its (n,) tensions [N].
+        change_pose: what becomes of a pose on its way; None: it is lost.
+    """
+
+    def __init__(
+        self, rig: Rig, card: CardConfig, plant: PlantConfig, safety: SafetyConfig, seed: int
+    ) -> None:
+        """Start at rest with slack cables.
+
+        Args:
+            rig: geometry, limbs, gains.
+            card: scaling and wiring.
+            plant: true parameters; springs and cables get their ends.
+            safety: the envelope.
+            seed: of the plant.
+        """
+        limbs = replace(plant.limbs, spring_end_tension=SPRING_END_N, break_tension=BREAK_N)
+        self.rig = rig
+        self.robot = MovingRobot(rig)
+        self.plant = Plant(rig, card, replace(plant, limbs=limbs), seed, self.robot)
+        self.card = SimulatedQ8(self.plant, card, rig.geometry.cables, lockstep=True)
+        self.card.start(card.watchdog)
+        self.bridge = Bridge(rig, card)
+        self.guard = BridgeGuard(rig, safety, card.watchdog)
+        self.limbs = LimbController(rig)
+        self.wrenches = WrenchController(rig)
+        self.mode = OperatingMode.STOPPED
+        self.desired = np.zeros(6)
+        self.now_s = 0.0
+        self.limb_controller_runs = self.wrench_controller_runs = True
+        self.change_current: Callable[[FloatArray], FloatArray] | None = None
+        self.change_tension: Callable[[FloatArray], FloatArray] | None = None
+        self.change_pose: (
+            Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray] | None] | None
+        ) = None
+        self._setpoint: TensionSetpoint | None = None
+        self._poses: deque[tuple[int, float, FloatArray, FloatArray]] = deque()
+        self._tick = 0
+
+    def fork(self) -> LockstepRig:
+        """Return a copy that goes its own way."""
+        return copy.deepcopy(self)
+
+    def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
+        """Run on, at most for a time.
+
+        Args:
+            seconds: longest time [s].
+            until: ends it.
+        """
+        for _ in range(round(seconds / PERIOD_S)):
+            self.cycle()
+            if until():
+                return
+
+    def cycle(self) -> None:
+        """Advance by one sample: the bridge judges it, the controllers answer."""
+        sample = self.card.read()
+        self._tick += 1
+        self.now_s = 1e-9 * sample.time_ns
+        self._tell_pose()
+        self.bridge.take(sample, self.mode)
+        guard = self.guard
+        if guard.sample(self.now_s, self.bridge, self.mode, self.card.watchdog_expired):
+            self._write()
+        self.card.enable(guard.enabled)
+        if guard.fault is not None and self.mode != OperatingMode.STOPPED:
+            self.mode = OperatingMode.FAULT
+            self.robot.stop()
+        if self.limb_controller_runs:
+            guard.command(self.limbs.limbs, self._currents(), self.now_s)
+            self._write()
+
+    def _write(self) -> None:
+        self.card.write(self.bridge.volts(self.guard.output(self.mode)))
+
+    def _currents(self) -> FloatArray:
+        """(n,) of the controllers [A]."""
+        bridge = self.bridge
+        if self.wrench_controller_runs:
+            self.wrenches.place(self.now_s)
+            measured = self.wrenches.to_base_axes(bridge.wrench)
+            wanted = DesiredWrench(self.now_s, self.desired)
+            tension = self.wrenches.step(self.now_s, measured, self.mode, wanted)
+            if self.change_tension is not None:
+                tension = self.change_tension(tension)
+            self._setpoint = TensionSetpoint(self.now_s, tension, self.wrenches.active)
+        state = LimbSample(
+            self.now_s,
+            bridge.wound_length,
+            bridge.elongation,
+            bridge.tension,
+            bridge.switch_closed,
+            bridge.zeroed,
+            bridge.cable_speed,
+            bridge.cable_acceleration,
+        )
+        current = self.limbs.step(state, self.mode, self._setpoint)
+        return current if self.change_current is None else self.change_current(current)
+
+    def _tell_pose(self) -> None:
+        if self._tick % POSE_EVERY == 0:
+            pose = self.robot.position.copy(), self.robot.rotation.copy()
+            self._poses.append((self._tick + POSE_LAG, self.now_s, *pose))
+        if not self._poses or self._poses[0][0] > self._tick:
+            return
+        _, stamp_s, *told = self._poses.popleft()
+        position, rotation = told
+        if self.change_pose is not None:
+            changed = self.change_pose(position, rotation)
+            if changed is None:
+                return
+            position, rotation = changed
+        if self.guard.safety.hear_pose(self.now_s, position, rotation):
+            self.bridge.hear_pose(stamp_s, position, rotation)
+        self.wrenches.hear_pose(stamp_s, position, rotation)

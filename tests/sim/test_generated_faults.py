@@ -1,0 +1,101 @@
+"""The generated fault campaign in one process: its plan, its summary, and a few of its trials."""
+
+from __future__ import annotations
+
+import pytest
+
+from cabols_control.supervision.modes import OperatingMode
+from cabols_sim.fault_campaign.in_process.command import SEEDS, run_generated
+from cabols_sim.fault_campaign.in_process.kinds import STATES, generated_kinds
+from cabols_sim.fault_campaign.in_process.summary import generated_holds, summarise_generated
+from cabols_sim.fault_campaign.in_process.trials import Bench, run_trial
+from cabols_sim.fault_campaign.kinds import KINDS
+
+ALONE_N = 15.0
+"""What the bridge's own law leaves on a cable while a robot still moves."""
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench()
+
+
+def kind(name):
+    return next(one for one in generated_kinds() if one.name == name)
+
+
+def test_plan_is_large_and_names_every_kind_once():
+    kinds = generated_kinds()
+    names = [one.name for one in kinds]
+    assert len(set(names)) == len(names) >= 120
+    assert {one.state for one in kinds} == set(STATES)
+    assert SEEDS * len(kinds) + 20 * len(KINDS) >= 3000
+    assert 20 * len(KINDS) >= 600
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_bridge_pays_out_alone_while_the_robot_moves(bench, seed):
+    """The limb controller dies; the robot goes on until it misses the heartbeat, and brakes."""
+    trial = run_trial(bench, kind("robot moves: limb controller dead"), seed)
+    assert trial["detected"]
+    assert trial["peak_tension_n"] < ALONE_N
+
+
+def test_same_seed_is_the_same_trial(bench):
+    one, other = (run_trial(bench, kind("loading: encoder jumps"), 3) for _ in range(2))
+    assert one == other
+
+
+def test_truth_is_the_plants_and_not_the_bridges(bench):
+    """A spring has an end there: what winds in against it pulls by the cable's stiffness."""
+    rig = bench.zeroed(0)
+    assert rig.plant._parameters["spring_end_tension"][0] == 150.0
+    assert rig.mode == OperatingMode.PRETIGHTENING
+
+
+def made(**changes):
+    usual = {
+        "kind": "loading: x",
+        "seed": 0,
+        "healthy": True,
+        "latent": False,
+        "amplifier": False,
+        "within_s": 0.05,
+        "detected": True,
+        "detection_time_s": 0.01,
+        "found_by": "motion",
+        "safe_time_s": 0.0,
+        "peak_tension_n": 80.0,
+        "peak_axes": [100.0, 0.0, 0.0, 2.0, 0.0, 0.0],
+        "change_force_n": 1.0,
+        "change_torque_nm": 0.1,
+    }
+    return {**usual, **changes}
+
+
+def test_claims_hold_and_each_is_broken_by_its_own_trial():
+    assert generated_holds(summarise_generated([made()]))
+    broken = (
+        {"detected": False, "detection_time_s": None, "safe_time_s": None},
+        {"detection_time_s": 0.06},
+        {"safe_time_s": 0.06},
+        {"peak_tension_n": 150.1},
+        {"peak_axes": [0.0, 0.0, 0.0, 0.0, 0.0, 15.1]},
+        {"healthy": False},
+    )
+    for changes in broken:
+        assert not generated_holds(summarise_generated([made(), made(seed=1, **changes)])), changes
+    assert not generated_holds(summarise_generated([]))
+
+
+def test_latent_kinds_need_no_report_but_keep_the_bounds():
+    quiet = {"latent": True, "detected": False, "detection_time_s": None, "safe_time_s": None}
+    assert generated_holds(summarise_generated([made(**quiet)]))
+    assert not generated_holds(summarise_generated([made(**quiet, peak_tension_n=151.0)]))
+
+
+def test_campaign_goes_on_where_it_was(tmp_path, capsys):
+    for trials in (2, 0):
+        run_generated(tmp_path, seeds=2, only="free: pose jumps")
+        assert f"{trials} generated trials" in capsys.readouterr().out
+    assert len((tmp_path / "generated.jsonl").read_text().splitlines()) == 2
