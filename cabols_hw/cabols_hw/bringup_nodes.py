@@ -33,6 +33,7 @@ ROBOT = NodeSpec(
         "robot_configurations_file",
         "tracker_file",
         "robot_address",
+        "robot_maker",
         "rws_port",
         "egm_port",
         "heartbeat_port",
@@ -65,6 +66,7 @@ ARGUMENTS = (
     ),
     Argument("tracker_file", "", "YAML of the laser tracker; empty: the rig's"),
     Argument("robot_address", "127.0.0.1", "IP of the robot's controller", kinds=("rig",)),
+    Argument("robot_maker", "abb", "abb: EGM and Robot Web Services; ur: RTDE"),
     Argument(
         "rws_port",
         80,

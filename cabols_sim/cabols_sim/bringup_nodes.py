@@ -40,7 +40,7 @@ DEVICES = NodeSpec(
     (),
     (),
     role=Role.SIMULATION,
-    takes=("rig", "fifo_priority", "cpu", "seed", "robot_watch", "rws_version"),
+    takes=("rig", "fifo_priority", "cpu", "seed", "robot_watch", "rws_version", "robot_maker"),
     fifo_below=2,
 )
 ARGUMENTS = (
@@ -178,6 +178,7 @@ def _devices(ports: Ports, lockstep: bool) -> list[NodeSpec]:
         node.with_parameters(
             egm_port=ports.egm,
             rws_port=ports.rws,
+            rtde_port=ports.rws,
             heartbeat_port=ports.watch,
             tracker_address=f"127.0.0.1:{ports.tracker}",
             robot_clock=True,

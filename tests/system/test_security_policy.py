@@ -7,13 +7,14 @@ from xml.etree import ElementTree
 import pytest
 
 from cabols_control.bringup.graph import all_nodes
-from cabols_control.bringup.security import NO_NODES, Allowance, main, policy_text
+from cabols_control.bringup.security import Allowance, main, policy_text
 from cabols_control.services import SERVICES
 from cabols_control.topics import LIVE, NAMESPACE, TOPICS
 from console_harness import console_values, free_port
 from graph_harness import run_scenario
 
 ACTION_PARTS = ("feedback", "status", "cancel_goal", "get_result", "send_goal")
+NO_NODES = ("device_simulator",)
 ALLOWED = {node.executable: Allowance(node) for node in all_nodes()}
 
 

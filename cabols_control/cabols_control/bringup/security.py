@@ -22,8 +22,6 @@ TEXT = """Write the SROS2 policy of the graph.
 
 One enclave a node, which may publish, subscribe, serve and call what the graph's tables say. Make
 keys of it with `ros2 security create_keystore`, `create_enclave` and `create_permission`."""
-NO_NODES = ("device_simulator",)
-"""Executables that join no graph."""
 EVERYBODYS_PUBLISHED = ("/rosout", "/parameter_events", "/diagnostics", "loop_status")
 EVERYBODYS_READ = ("/parameter_events", "/clock", "loop_status", "mode")
 PARAMETERS = (
@@ -91,8 +89,8 @@ def policy(nodes: Iterable[NodeSpec]) -> ElementTree.Element:
     root = ElementTree.Element("policy", version="0.2.0")
     enclaves = ElementTree.SubElement(root, "enclaves")
     for node in nodes:
-        if node.executable in NO_NODES:
-            continue
+        if not (node.reads or node.writes):
+            continue  # a server of devices, which joins no graph
         enclave = ElementTree.SubElement(enclaves, "enclave", path=f"{NAMESPACE}/{node.executable}")
         profiles = ElementTree.SubElement(enclave, "profiles")
         profile = ElementTree.SubElement(profiles, "profile", ns=NAMESPACE, node=node.executable)

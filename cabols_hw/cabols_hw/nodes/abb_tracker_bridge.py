@@ -22,13 +22,11 @@ from cabols_control.ros.stops import StopLatch
 from cabols_control.ros.threads.pause import pause
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_hw.abb.configurations import load_configurations
-from cabols_hw.abb.egm import EgmReader
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
-from cabols_hw.abb.robot import AbbAddress, AbbRobot
+from cabols_hw.abb.robot import AbbRobot
 from cabols_hw.bringup_nodes import NODES as HW_NODES
-from cabols_hw.robot.interface import Robot
 from cabols_hw.ros.path_follower import PathFollower
-from cabols_hw.ros.robot_access import egm_sender, read_password
+from cabols_hw.ros.robot_access import open_robot
 from cabols_hw.ros.robot_stream import MOTORS_OFF, BaseFrame, RobotStream
 from cabols_hw.ros.robot_watch import RobotWatch
 from cabols_hw.ros.tracker_messages import measurement_message, status_notes, warm_up_note
@@ -82,14 +80,6 @@ class AbbTrackerBridge(ControlNode):
     def _declare_robot(self) -> float:
         """Open the robot's stream; return the speed of the controller's clock."""
         address = declare_row(self, HW_NODES.argument("robot_address"))
-        port = declare_row(self, HW_NODES.argument("rws_port"))
-        url = declare(self, "rws_url", "", "replaces address and port; empty: made of them")
-        controller = AbbAddress(
-            url or f"http://{address}:{port}",
-            declare(self, "user", "Default User", "of Robot Web Services"),
-            read_password(self),
-            declare(self, "rws_certificate", "", "PEM file for https; empty: any is taken"),
-        )
         self._timeout_s = declare(self, "move_timeout", 60.0, "s, for one motion", (0.1, 3600.0))
         self._configurations = load_configurations(
             self.rig_folder,
@@ -97,13 +87,7 @@ class AbbTrackerBridge(ControlNode):
         )
         speed = declare_row(self, HW_NODES.argument("speed"))
         stale = declare_row(self, HW_NODES.argument("stale_after"))
-        reader = EgmReader(
-            declare_row(self, HW_NODES.argument("egm_port")),
-            egm_sender(self, address),
-            declare(self, "late_after", 0.03, "s, delay that counts as late", (0.001, 1.0)),
-            speed,
-            stale,
-        )
+        self._robot, source = open_robot(self, address, speed, stale)
         base = BaseFrame(
             declare(self, "robot_position", [0.0] * 3, "m, robot's base in the rig's"),
             declare(self, "robot_rotation_xyz_deg", [0.0] * 3, "intrinsic x-y-z, of its base"),
@@ -111,14 +95,15 @@ class AbbTrackerBridge(ControlNode):
         robot_clock = declare(
             self, "robot_clock", False, "stamps are the controller's time: simulation only"
         )
-        self._robot: Robot = AbbRobot(controller, reader)
-        self._stream = RobotStream(self, reader, base, stale, robot_clock)
+        self._stream = RobotStream(self, source, base, stale, robot_clock)
         self._stream.on_fault = lambda: Worker(self._halt)
         self._stops = self._stream.stops = StopLatch(self, lambda: Worker(self._halt))
         self._robot_clock = robot_clock
         self._path = PathFollower(self, self._robot, self._configurations, self._obstacle)
         self._path.mode = lambda: self._stream.mode
-        self._watch = RobotWatch(self, address, speed, self._configurations)
+        # UR's own watchdog hears the beats that come with each command.
+        watched = isinstance(self._robot, AbbRobot)
+        self._watch = RobotWatch(self, address, speed, self._configurations, watched)
         self._stream.on_mode = self._watch.hear_mode
         return speed
 

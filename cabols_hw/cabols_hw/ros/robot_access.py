@@ -9,10 +9,18 @@ from pathlib import Path
 
 from cabols_control.errors import ConfigError
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare, declare_row
+from cabols_hw.abb.egm import EgmReader
+from cabols_hw.abb.robot import AbbAddress, AbbRobot
+from cabols_hw.bringup_nodes import NODES as HW_NODES
+from cabols_hw.robot.interface import Robot
+from cabols_hw.ros.robot_stream import PoseSource
+from cabols_hw.ur.robot import UrRobot
 
 PASSWORD_VARIABLE = "CABOLS_ROBOT_PASSWORD"
 ANY = "any"
+ABB, UR = "abb", "ur"
+MAKERS = (ABB, UR)
 
 
 def egm_sender(node: ControlNode, robot_address: str) -> str:
@@ -37,6 +45,43 @@ def egm_sender(node: ControlNode, robot_address: str) -> str:
         raise ConfigError(
             f"egm_address: expected an IP address or 'any', got {address} ({error})"
         ) from error
+
+
+def open_robot(
+    node: ControlNode, address: str, speed: float, stale_s: float
+) -> tuple[Robot, PoseSource]:
+    """Return the robot that the parameter `robot_maker` names, and its stream.
+
+    Args:
+        node: whose parameters describe it.
+        address: of its controller.
+        speed: rate of its clock; 1 except for a simulated one in slow motion.
+        stale_s: age at which a sample is of no use [s].
+
+    Raises:
+        ConfigError: if the maker is not known.
+        RobotError: if the stream's port is taken, or an address cannot be used.
+    """
+    maker = declare_row(node, HW_NODES.argument("robot_maker"))
+    if maker not in MAKERS:
+        raise ConfigError(f"robot_maker: expected one of {', '.join(MAKERS)}, got {maker!r}")
+    late_s = declare(node, "late_after", 0.03, "s, delay that counts as late", (0.001, 1.0))
+    rtde_port = declare(node, "rtde_port", 30004, "TCP port of RTDE, of robots of UR", (1, 65535))
+    web_port = declare_row(node, HW_NODES.argument("rws_port"))
+    egm_port = declare_row(node, HW_NODES.argument("egm_port"))
+    url = declare(node, "rws_url", "", "replaces address and port; empty: made of them")
+    controller = AbbAddress(
+        url or f"http://{address}:{web_port}",
+        declare(node, "user", "Default User", "of Robot Web Services"),
+        read_password(node),
+        declare(node, "rws_certificate", "", "PEM file for https; empty: any is taken"),
+    )
+    sender = egm_sender(node, address)
+    if maker == UR:
+        robot = UrRobot(address, rtde_port, late_after_s=late_s, clock_rate=speed)
+        return robot, robot
+    reader = EgmReader(egm_port, sender, late_s, speed, stale_s)
+    return AbbRobot(controller, reader), reader
 
 
 def read_password(node: ControlNode) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 from rclpy.serialization import serialize_message
@@ -22,7 +23,8 @@ from cabols_control.rotations import pose_matrix
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
-from cabols_hw.abb.egm import EgmReader, EgmSample, StreamQuality
+from cabols_hw.abb.egm import EgmSample, StreamQuality
+from cabols_hw.abb.stream_quality import CountedStream
 
 WAIT_S = 0.01
 MOTORS_OFF = Fault(
@@ -34,6 +36,19 @@ PROGRAM_STOPPED = Fault(
     FaultName.ROBOT_PROGRAM, "robot: RAPID is stopped; it stands, and a motion starts RAPID anew"
 )
 JOINT_NAMES = tuple(f"joint_{number(i)}" for i in range(6))
+
+
+class PoseSource(Protocol):
+    """Where the robot's state comes from.
+
+    Attributes:
+        counter: what was received, lost, late, refused.
+    """
+
+    counter: CountedStream
+
+    def take(self, timeout_s: float) -> EgmSample | None:
+        """Wait for the newest sample; None if none came in time."""
 
 
 class JointStateBytes:
@@ -93,7 +108,7 @@ class RobotStream(GuardedThread):
     def __init__(
         self,
         node: ControlNode,
-        reader: EgmReader,
+        reader: PoseSource,
         base: BaseFrame,
         stale_after_s: float,
         robot_clock: bool,

@@ -25,7 +25,12 @@ class RobotWatch:
     """Beats while limb states and modes arrive and no node of the control path is in FAULT."""
 
     def __init__(
-        self, node: ControlNode, address: str, speed: float, configurations: RobotConfigurations
+        self,
+        node: ControlNode,
+        address: str,
+        speed: float,
+        configurations: RobotConfigurations,
+        watched: bool = True,
     ) -> None:
         """Subscribe, and check the robot's speed.
 
@@ -34,6 +39,7 @@ class RobotWatch:
             address: of the robot's controller.
             speed: of a simulated rig's time; 1 in real time.
             configurations: of the robot.
+            watched: whether the controller has a port for the beats.
 
         Raises:
             ConfigError: if the robot is too fast for a watch of this silence.
@@ -42,7 +48,7 @@ class RobotWatch:
         _check_speed(node, configurations)
         port = declare_row(node, HW_NODES.argument("heartbeat_port"))
         self._health = RigHealth(1.0 / speed)
-        self._heart = Heartbeat(address, port, self._trouble) if port else None
+        self._heart = Heartbeat(address, port, self._trouble) if port and watched else None
         if node.lockstep or self._heart is None:
             # A lockstep clock counts the readers of its topics; nothing is late there.
             return

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.naming import configuration_name
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
+from cabols_hw.abb.stream_quality import CountedStream, Refusal
 from cabols_hw.robot.interface import Capability, Leg, RobotInfo, RobotSample
 from cabols_hw.ur.connection import RtdeConnection
 from cabols_hw.ur.handshake import (
@@ -43,16 +44,31 @@ class UrRobot:
     """The Robot of controllers CB3 and e-Series; see Robot.
 
     Two connections: one reads the stream, one commands. stop() may come from any thread.
+
+    Attributes:
+        counter: what was received, late, refused.
     """
 
-    def __init__(self, host: str, port: int = 0, timeout_s: float = TIMEOUT_S) -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int = 0,
+        timeout_s: float = TIMEOUT_S,
+        late_after_s: float = 0.03,
+        clock_rate: float = 1.0,
+    ) -> None:
         """Prepare; the first call connects.
 
         Args:
             host: of the controller.
             port: of RTDE; 0: its own, 30004.
             timeout_s: of connecting, and of a request's acceptance [s].
+            late_after_s: delay that counts as late [s].
+            clock_rate: rate of the controller's clock in this computer's: 1, except for a
+                simulated one in slow motion.
         """
+        self.counter = CountedStream(late_after_s)
+        self._clock_rate = clock_rate
         self._address = (host, port)
         self._timeout_s = timeout_s
         self._stream: RtdeConnection | None = None
@@ -86,6 +102,7 @@ class UrRobot:
         """
         try:
             if self._stream is None:
+                self.counter.renew()
                 self._stream = RtdeConnection(self._address, STATE, (), RATE, self._timeout_s)
             found = self._stream.newest(timeout_s)
         except RobotError:
@@ -96,9 +113,15 @@ class UrRobot:
             return None
         if found is None:
             return None
-        values, count = found
-        self._sequence += count
-        return _sample(values, self._sequence)
+        values, _ = found
+        self._sequence += 1
+        sample = _sample(values, self._sequence)
+        if sample is None:
+            self.counter.refuse(Refusal.NOT_FINITE, "numbers of no robot")
+            return None
+        # TCP loses nothing: what was newer than others counts as one.
+        sent_s, now_s = 1e-9 * sample.robot_time_ns, sample.received_s * self._clock_rate
+        return sample if self.counter.take(self._sequence, sent_s, now_s) else None
 
     def move(
         self,

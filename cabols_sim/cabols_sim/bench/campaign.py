@@ -59,6 +59,7 @@ class BenchCampaign:
         real_time: by the wall clock instead of lockstep.
         rig: name or folder, see find_rig.
         rws_version: of the simulated robot's web services, 1 or 2.
+        robot_maker: of the simulated controller, abb or ur.
     """
 
     folder: Path
@@ -69,6 +70,7 @@ class BenchCampaign:
     real_time: bool = False
     rig: str = BENCH
     rws_version: int = 1
+    robot_maker: str = "abb"
 
     def values(self) -> dict[str, Any]:
         """Arguments of the graph."""
@@ -83,6 +85,7 @@ class BenchCampaign:
             "lockstep": not self.real_time,
             "seed": self.seed,
             "rws_version": self.rws_version,
+            "robot_maker": self.robot_maker,
             "robot_file": self.robot_file,
             **({} if self.real_time else {"stale_after": STALE_S, "state_timeout": STALE_S}),
         }
@@ -176,6 +179,7 @@ def _run(options: argparse.Namespace) -> int:
         options.real_time,
         options.rig,
         options.rws_version,
+        options.robot_maker,
     )
     pace = "in real time" if options.real_time else "in lockstep"
     print(f"stiffness campaign on the simulated rig, {pace}, into {options.output}", flush=True)
@@ -229,6 +233,7 @@ def _arguments() -> argparse.Namespace:
         help="YAML of the simulated robot; default: the rig's",
     )
     add("--rws-version", type=int, choices=(1, 2), default=1, help="1: IRC5, 2: OmniCore")
+    add("--robot-maker", choices=("abb", "ur"), default="abb", help="of its controller")
     add("--real-time", action="store_true", help="by the wall clock instead of lockstep")
     add("--fresh", action="store_true", help="do not go on with a campaign that was cut")
     return parser.parse_args()

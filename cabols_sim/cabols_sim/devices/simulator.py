@@ -24,6 +24,7 @@ from cabols_sim.devices.link import DEFAULT_LINK_PORT, DeviceLink
 from cabols_sim.devices.robot.kinematics import load_arm
 from cabols_sim.devices.tracker.config import TrackerTruthConfig, load_tracker_truth
 from cabols_sim.devices.tracker.server import TrackerServer
+from cabols_sim.devices.ur.controller import UrController
 
 DEFAULT_RWS_PORT = 6580
 DEFAULT_WATCH_PORT = 6512
@@ -35,6 +36,7 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     add = parser.add_argument
     add("--link-port", type=int, default=DEFAULT_LINK_PORT, help="UDP port of the plant")
     add("--egm-port", type=int, default=DEFAULT_EGM_PORT, help="UDP port that EGM is sent to")
+    add("--robot_maker", choices=("abb", "ur"), default="abb", help="ur: RTDE on the RWS port")
     add("--rws-port", type=int, default=DEFAULT_RWS_PORT, help="TCP port of RWS; 0: any")
     add(
         "--rws-version",
@@ -90,6 +92,37 @@ def tracker_truth(options: argparse.Namespace) -> TrackerTruthConfig:
     return replace(truth, seed=truth.seed + int(options.seed))
 
 
+def _controller(link: DeviceLink, options: argparse.Namespace) -> AbbController | UrController:
+    """The robot's controller, of the maker that is named."""
+    stored = load_configurations(options.rig, options.configurations)
+    if options.robot_maker == "ur":
+        return UrController(link, stored, options.rws_port, load_arm(options.rig))
+    return AbbController(
+        link,
+        stored,
+        options.egm_port,
+        options.rws_port,
+        options.user,
+        options.password,
+        options.seed,
+        load_arm(options.rig),
+        options.rws_version,
+        str(options.rws_certificate),
+        options.watch_port,
+        options.robot_watch,
+    )
+
+
+def _ports(controller: AbbController | UrController, options: argparse.Namespace) -> dict[str, int]:
+    """Ports on which the controller is reached."""
+    if isinstance(controller, UrController):
+        return {"rtde": controller.rtde.port}
+    found = {"egm": options.egm_port, "rws": controller.rws.port}
+    if controller.watch is not None:
+        found["watch"] = controller.watch.port
+    return found
+
+
 @command
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM."""
@@ -99,29 +132,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         signal.signal(number, lambda *_: ended.set())
     link = DeviceLink(options.link_port)
     try:
-        controller = AbbController(
-            link,
-            load_configurations(options.rig, options.configurations),
-            options.egm_port,
-            options.rws_port,
-            options.user,
-            options.password,
-            options.seed,
-            load_arm(options.rig),
-            options.rws_version,
-            str(options.rws_certificate),
-            options.watch_port,
-            options.robot_watch,
-        )
+        controller = _controller(link, options)
         tracker = _tracker(link, options)
     except CabolsError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     link.start()
     controller.start()
-    ports = {"link": options.link_port, "egm": options.egm_port, "rws": controller.rws.port}
-    if controller.watch is not None:
-        ports["watch"] = controller.watch.port
+    ports = {"link": options.link_port, **_ports(controller, options)}
     if tracker is not None:
         ports["tracker"] = tracker.start()
     # Not before: the start takes a second of a core, which nodes that run already need.
