@@ -161,10 +161,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         place = folder / target.name
         goal = max(int(share * goals[target.name]), 1)
         before = load_outcome(place, options.seed)
-        if before.done >= goal or budget <= 0.0:
+        if before.done >= goal:
             return before
         # Some are done early: what they leave is for the later ones.
-        return watch(target, place, options.seed, goal, max(budget, 3.0))
+        return watch(target, place, options.seed, goal, max(budget, 2.0))
 
     print("target          kind    inputs accepted  per second  slowest ms  grown MiB  verdict")
     wrong = behind = 0
