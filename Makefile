@@ -123,6 +123,10 @@ bench-tracking: setup  ## errors against the command: feedback and preview, as d
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_tracking.py $(ARGS)
 
+bench-moving: setup  ## a wrench held on a target that moves or shakes, lag known and not: ARGS="--seeds 20"
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_moving.py $(ARGS)
+
 bench-registration: setup  ## compare the reflectors' registration with its covariance
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_registration.py $(ARGS)

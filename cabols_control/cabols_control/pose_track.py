@@ -37,6 +37,8 @@ SPEED_MAX, TURNING_MAX = 1.0, 3.0
 """Speeds beyond these are no robot's under load [m/s], [rad/s]."""
 NOISE_MPS, NOISE_RADPS = 0.01, 0.1
 """Change of speed between two steps that noise of the poses may make."""
+AHEAD_MOST_M, AHEAD_MOST_RAD = 0.02, 0.05
+"""Most that a reference may be ahead of the platform [m], [rad]."""
 STAMP_WITHIN_S = 0.1
 """Stamps further from their arrival are of another clock [s]."""
 STILL = 1e-9
@@ -209,8 +211,7 @@ def place_platform(track: Any, now_s: float) -> bool:
     own = track[0]
     if not own["poses"]:
         return False
-    age_s = now_s - own["time"]
-    dt_s = max(age_s, 0.0) + own["lag"]
+    dt_s = max(now_s - own["time"] + own["lag"], 0.0)
     # Written so that a time that is not a number extrapolates nothing.
     fresh = dt_s <= own["horizon"]
     dt_s = dt_s if fresh else (own["horizon"] if dt_s > own["horizon"] else 0.0)
@@ -234,6 +235,29 @@ def place_platform(track: Any, now_s: float) -> bool:
             changed = changed or turned[i, j] != own["turn"][i, j]
             own["turn"][i, j] = turned[i, j]
     return changed
+
+
+@njit(cache=True)
+def pose_ahead_into(track: Any, ahead_s: float, position: FloatArray, rotation: FloatArray) -> None:
+    """Fill a pose, (3,) and (3, 3), to which the placed platform goes on at its velocity.
+
+    For references alone, which may look further ahead than tension estimates; turning is bounded.
+
+    Args:
+        track: (1,) record of POSE_TRACK, placed.
+        ahead_s: beyond the moment of the placing [s].
+        position: (3,) of the platform's origin, base frame, filled [m].
+        rotation: (3, 3) platform to base axes, filled.
+    """
+    own = track[0]
+    step = np.zeros(6)
+    for k in range(6):
+        step[k] = ahead_s * own["velocity"][k]
+    _bound(step, 0, AHEAD_MOST_M)
+    _bound(step, 3, AHEAD_MOST_RAD)
+    for k in range(3):
+        position[k] = own["place"][k] + step[k]
+    _turned_into(step[3:], own["turn"], rotation)
 
 
 def pose_track(position: FloatArray, rotation: FloatArray, lag_s: float, horizon_s: float) -> Any:

@@ -10,8 +10,13 @@ from numba import njit
 
 from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.checks import FloatArray
-from cabols_control.pose_track import hear_pose, place_platform, pose_track
-from cabols_control.rig import Rig
+from cabols_control.pose_track import (
+    hear_pose,
+    place_platform,
+    pose_ahead_into,
+    pose_track,
+)
+from cabols_control.rig import ControlConfig, Rig
 from cabols_control.supervision.clock import clock_fault
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
@@ -91,7 +96,9 @@ class WrenchController:
         self._matrix = np.zeros((6, n))
         # Own copies of the pose: read-only arrays would need other compiled code.
         self._position, self._rotation = np.zeros(3), np.eye(3)
-        self._moved = np.zeros(6)
+        self._moved, self._reference = np.zeros(6), np.zeros(6)
+        self._ahead_s = _delay_of(control)
+        self._ahead = np.zeros(3), np.eye(3)
         self._reasonable = REASONABLE * rig.control.rated
         self._unload_step = np.repeat(control.unload_rates, 3)
         self._desired_timeout = control.desired_timeout
@@ -215,7 +222,7 @@ class WrenchController:
                 self._work[SHARE] = 0.0
             self.active = True
         self._fade(min(dt_s, LONGEST_STEP_S))
-        status = self._law.step(self.desired, measured, min(dt_s, LONGEST_STEP_S), self._work)
+        status = self._law.step(self._reference, measured, min(dt_s, LONGEST_STEP_S), self._work)
         self.feasible = status == 0
         self.infeasible_cycles += status == 1
         self.tension[:] = self._law.tension
@@ -264,6 +271,12 @@ class WrenchController:
 
     def _follow(self, stamp_s: float, dt_s: float, setpoint: DesiredWrench | None) -> None:
         """Set the desired wrench in force; a stale one is ramped to zero at the unload rate."""
+        self._set_desired(stamp_s, dt_s, setpoint)
+        self._reference[:] = self.desired
+        if setpoint is not None and setpoint.frame is not None and self.notice is None:
+            self._lead(setpoint)
+
+    def _set_desired(self, stamp_s: float, dt_s: float, setpoint: DesiredWrench | None) -> None:
         if setpoint is not None and abs(stamp_s - setpoint.stamp_s) <= self._desired_timeout:
             self.notice = None
             if not _take_into(self._in_base(setpoint), self._reasonable, self.desired):
@@ -288,3 +301,19 @@ class WrenchController:
         place_frame(setpoint.frame, self._position, self._rotation)
         wrench_to_base(setpoint.frame, setpoint.wrench, self._moved)
         return self._moved
+
+    def _lead(self, setpoint: DesiredWrench) -> None:
+        """Let the reference be of the frame where it will be once the wrench is felt.
+
+        A wrench that turns with the platform would else be felt where the platform was.
+        """
+        pose_ahead_into(self._track, self._ahead_s, *self._ahead)
+        place_frame(setpoint.frame, *self._ahead)
+        wrench_to_base(setpoint.frame, setpoint.wrench, self._reference)
+        place_frame(setpoint.frame, self._position, self._rotation)
+
+
+def _delay_of(control: ControlConfig) -> float:
+    """Delay of the wrench loop's designed response at low frequencies [s]."""
+    poles = float(np.sum(1.0 / np.abs(control.poles)))
+    return poles - 1.0 / abs(control.zero) + control.preview_delay

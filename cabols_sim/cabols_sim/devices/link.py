@@ -196,7 +196,12 @@ class DeviceLink:
         return self._command(Kind.MOVE, -1 if joints is not None else index, joints, speed_scale)
 
     def lead(self, joints: FloatArray, speed: float) -> int:
-        """Ask for a motion to (6,) joints [rad] at a speed [m/s]; return its number."""
+        """Ask for a motion to joint angles; return its number.
+
+        Args:
+            joints: (6,) to move to [rad].
+            speed: of the platform's origin [m/s].
+        """
         return self._command(Kind.MOVE, -1, joints, 1.0, speed)
 
     def halt(self) -> int:

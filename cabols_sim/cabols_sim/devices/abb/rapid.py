@@ -38,7 +38,12 @@ class Mover(Protocol):
         """Ask for a motion; return the command's number."""
 
     def lead(self, joints: FloatArray, speed: float) -> int:
-        """Ask for a motion to (6,) joints [rad] at a speed [m/s]; return the command's number."""
+        """Ask for a motion to joint angles; return the command's number.
+
+        Args:
+            joints: (6,) to move to [rad].
+            speed: of the platform's origin [m/s].
+        """
 
     def halt(self) -> int:
         """Ask for a stop; return the command's number."""
