@@ -48,6 +48,7 @@ RULES: tuple[tuple[str, str, str], ...] = (
     (r"\(umask", LEAVE, "writes into the home folder"),
     (r"ros2 run cabols_stiffness run_campaign", LEAVE, "needs a rig that runs"),
     (r"ros2 run cabols_control commission$", LEAVE, "needs a rig that runs"),
+    (r"ros2 run cabols_control first_power_on$", LEAVE, "needs a rig that runs"),
     (r"(ros2 run cabols_control new_rig|ros2 run cabols_sim check_rig) my_rig$", RUN, ""),
     (r'make demo ARGS="--rig my_rig"$', RUN, ""),
     (r"make (new-rig|check-rig)$", LEAVE, "needs a name"),
