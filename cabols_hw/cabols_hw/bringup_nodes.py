@@ -56,8 +56,8 @@ ARGUMENTS = (
     Argument(
         "power_on_check",
         "auto",
-        "required: nothing but the check first_power_on moves before it has passed; off; auto: "
-        "required of a rig, off for the simulated one",
+        "required: nothing but the check first_power_on moves before it has passed; skipped; auto: "
+        "required of a rig, skipped for the simulated one",
     ),
     Argument(
         "robot_configurations_file",

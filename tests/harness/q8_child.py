@@ -36,7 +36,7 @@ class RealTimeBoard(fake_quanser.Board):
 def main():
     samples = int(sys.argv[1])
     # Its limbs have no wiring that could be checked.
-    sys.argv = [sys.argv[0], "--ros-args", "-p", "power_on_check:=off"]
+    sys.argv = [sys.argv[0], "--ros-args", "-p", "power_on_check:=skipped"]
     board = RealTimeBoard(samples)
     package = types.ModuleType("quanser")
     package.hardware = fake_quanser.make_api(board)

@@ -15,7 +15,7 @@ from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.safety.first_power_on import UNCHECKED, PowerOnBound
 from cabols_hw.safety.guard import BridgeGuard
 
-AUTO, REQUIRED, OFF = "auto", "required", "off"
+AUTO, REQUIRED, SKIPPED = "auto", "required", "skipped"
 
 
 class PowerOnGate:
@@ -37,9 +37,9 @@ class PowerOnGate:
             ConfigError: if the parameter is none of its values.
         """
         chosen = declare_row(node, HW_NODES.argument("power_on_check"))
-        if chosen not in (AUTO, REQUIRED, OFF):
+        if chosen not in (AUTO, REQUIRED, SKIPPED):
             raise ConfigError(
-                f"power_on_check: expected {AUTO}, {REQUIRED} or {OFF}, got {chosen!r}"
+                f"power_on_check: expected {AUTO}, {REQUIRED} or {SKIPPED}, got {chosen!r}"
             )
         cables = node.rig.geometry.cables
         self._guard = guard
