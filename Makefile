@@ -153,6 +153,10 @@ bench-console: setup  ## measure what the console costs the rig
 faults: setup  ## break everything, in every state (hours; goes on where it was; ARGS=--short: minutes)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
 
+bench-restart: setup  ## start the bridge again under loads that the gears hold: is the wrench right?
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_restart.py $(ARGS)
+
 stop-trials: setup  ## press the stop 1000 times, also beside a supervisor's restart (goes on where it was)
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/stop_trials.py $(ARGS)

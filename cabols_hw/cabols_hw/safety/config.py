@@ -56,11 +56,11 @@ class SafetyConfig:
         estimate_time: longest time of a larger difference [s].
         position_range: (3,) of the platform about the reference position [m].
         rotation_range: angle from the reference orientation [rad].
-        speed_loaded: of the platform under load [m/s].
+        speed_loaded: of the platform under load and in PRETIGHTENING [m/s].
         speed_path: of the platform under load while a path is announced, at most [m/s];
             speed_loaded where the file has none.
         speed_free: of the platform otherwise [m/s].
-        rotation_speed_loaded: of the platform under load [rad/s].
+        rotation_speed_loaded: of the platform under load and in PRETIGHTENING [rad/s].
         rotation_speed_path: as speed_path [rad/s].
         rotation_speed_free: of the platform otherwise [rad/s].
         pose_age: of the newest platform pose [s].

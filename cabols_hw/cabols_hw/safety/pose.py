@@ -13,6 +13,9 @@ from cabols_control.supervision.modes import LOADED, OperatingMode
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import AXES, BridgeFault
 
+STANDING = (*LOADED, OperatingMode.PRETIGHTENING)
+"""Modes in which the platform stands, but for what the load bends: limbs with zeros go by its pose
+there before all zeros are known with which pose and sensor can be compared."""
 SPEED_WINDOW_S = 0.02
 """Shortest time over which a speed is averaged [s]: poses come every 4 ms, unevenly."""
 PATH_HELD_S = 0.4
@@ -75,10 +78,10 @@ class PoseWatch:
     def _allowed(self, now_s: float, mode: OperatingMode) -> tuple[float, float]:
         """Speed [m/s] and rotation speed [rad/s] that are allowed now."""
         config = self._config
-        if mode not in LOADED:
+        if mode not in STANDING:
             return config.speed_free, config.rotation_speed_free
         allowed = config.speed_loaded, config.rotation_speed_loaded
-        if not now_s <= self._path.until_s:
+        if mode not in LOADED or not now_s <= self._path.until_s:
             return allowed
         return max(allowed[0], self._path.speed), max(allowed[1], self._path.turning)
 

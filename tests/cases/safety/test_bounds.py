@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import OperatingMode as Mode
 from cabols_hw.safety.faults import Reaction
 from one_process import MovingTarget
@@ -133,3 +134,20 @@ def test_harder_fault_overrides_a_softer_one(loaded):
     loaded.plant.inject("encoder_frozen", limb)
     Peaks(loaded).run(1.5)
     assert loaded.guard.fault.reaction is Reaction.CUT
+
+
+@pytest.mark.parametrize("speed_m_s", [0.05, 0.2])
+def test_pose_that_drifts_while_limbs_search(started, speed_m_s):
+    """Zeroed limbs go by the pose before pose and sensor can be compared: the platform stands."""
+    began = started.now_s + 0.3
+
+    def tell():
+        target = started.plant.target
+        way = np.array([max(started.now_s - began, 0.0) * speed_m_s, 0.0, 0.0])
+        started.hear_pose(started.now_s, target.position + way, target.rotation)
+
+    started.tell_pose = tell
+    started.mode = Mode.PRETIGHTENING
+    peaks = Peaks(started).run(2.0)
+    assert peaks.fault.name == FaultName.POSE_SPEED
+    assert peaks.force < 20.0

@@ -233,6 +233,9 @@ def _no_samples(rig: LockstepRig, random: np.random.Generator) -> None:
 RESTS = frozenset({"loading", "free", "second fault"})
 SLACK = frozenset({"started", "pretightening"})
 FREE = frozenset({"free", "robot moves"})
+"""States in which nothing depends on a fault: at rest a frozen count is a right one, without zeros
+no limb goes by pose or counts, only LOADING goes by tension commands. And 140 N on all limbs are
+within the envelope: whether a load is the one that was asked for, the bridge does not know."""
 
 DISTURBANCES = (
     Disturbance("cable breaks", _at_highest("cable_break"), SENSOR_S, FREE | SLACK),
@@ -244,7 +247,7 @@ DISTURBANCES = (
     ),
     Disturbance("encoder jumps", _injected("encoder_jump", 0.003, 0.02, True), SOON_S),
     Disturbance("encoder frozen", _injected("encoder_frozen"), LATE_S, RESTS),
-    Disturbance("encoder loses counts", _count_loss, LATE_S),
+    Disturbance("encoder loses counts", _count_loss, SEARCH_S, frozenset({"started"})),
     Disturbance("encoders of a connector frozen", _several("encoder_frozen", _half), LATE_S, RESTS),
     Disturbance("motor jams", _injected("motor_jam"), LATE_S, RESTS),
     Disturbance("two motors jam", _several("motor_jam", _two), LATE_S, RESTS),
@@ -261,7 +264,7 @@ DISTURBANCES = (
     Disturbance("gauge flat", _gauge("gauge_flat"), SENSOR_S),
     Disturbance("gauge not a number", _gauge("gauge_nan"), SOON_S),
     Disturbance("gauge saturated", _gauge("gauge_saturated"), SOON_S),
-    Disturbance("gauge drifts", _injected("gauge_drift", 2.0, 10.0, True), LATE_S),
+    Disturbance("gauge drifts", _injected("gauge_drift", 2.0, 10.0, True), SEARCH_S),
     Disturbance("all gauges flat", _gauges(None), SENSOR_S),
     Disturbance("sensor unplugged, reads 0 V", _gauges(0.0), SENSOR_S),
     Disturbance("sensor unplugged, reads 10 V", _gauges(10.0), SOON_S),
@@ -269,7 +272,7 @@ DISTURBANCES = (
     Disturbance("pose frozen", _pose("frozen"), LATE_S, RESTS | SLACK),
     Disturbance("pose jumps", _pose("jumps"), SOON_S),
     Disturbance("pose turns", _pose("turns"), SOON_S),
-    Disturbance("pose drifts", _pose("drifts"), LATE_S),
+    Disturbance("pose drifts", _pose("drifts"), LATE_S, frozenset({"started"})),
     Disturbance("pose not a number", _pose("no number"), SENSOR_S),
     Disturbance("pose and sensor frozen", _pose_and_sensor, SENSOR_S),
     Disturbance("wrong current, one limb", _current("one"), LATE_S),
@@ -277,7 +280,7 @@ DISTURBANCES = (
     Disturbance("currents reversed", _current("reversed"), LATE_S),
     Disturbance("current not a number", _current("no number"), SOON_S),
     Disturbance("wrong tension, one limb", _tension(145.0, False), LATE_S, FREE | SLACK),
-    Disturbance("wrong tension, all limbs", _tension(140.0, True), LATE_S, FREE | SLACK),
+    Disturbance("wrong tension, all limbs", _tension(140.0, True), LATE_S, FREE | SLACK | RESTS),
     Disturbance("limb controller dead", _limbs_dead, SOON_S),
     Disturbance("wrench controller dead", _wrench_dead, LATE_S, FREE | SLACK | RESTS),
     Disturbance("samples missing", _no_samples, SOON_S + 0.06),

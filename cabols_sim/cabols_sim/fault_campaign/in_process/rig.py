@@ -16,6 +16,7 @@ from cabols_control.supervision.modes import OperatingMode
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.card.config import CardConfig
+from cabols_hw.force_torque.sensor_bias import SensorBias
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.guard import BridgeGuard
 from cabols_sim.plant.card import SimulatedQ8
@@ -115,22 +116,34 @@ class LockstepRig:
         self.plant = Plant(rig, card, replace(plant, limbs=limbs), seed, self.robot)
         self.card = SimulatedQ8(self.plant, card, rig.geometry.cables, lockstep=True)
         self.card.start(card.watchdog)
-        self.bridge = Bridge(rig, card)
-        self.guard = BridgeGuard(rig, safety, card.watchdog)
-        self.limbs = LimbController(rig)
-        self.wrenches = WrenchController(rig)
-        self.mode = OperatingMode.STOPPED
-        self.desired = np.zeros(6)
+        self._card_config, self._safety = card, safety
         self.now_s = 0.0
+        self.start_again(None)
         self.limb_controller_runs = self.wrench_controller_runs = True
         self.change_current: Callable[[FloatArray], FloatArray] | None = None
         self.change_tension: Callable[[FloatArray], FloatArray] | None = None
         self.change_pose: (
             Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray] | None] | None
         ) = None
-        self._setpoint: TensionSetpoint | None = None
         self._poses: deque[tuple[int, float, FloatArray, FloatArray]] = deque()
         self._tick = 0
+
+    def start_again(self, bias: SensorBias | None) -> None:
+        """Start bridge and controllers anew, in STOPPED; the plant stays as it is.
+
+        Args:
+            bias: of the sensor, that was kept; None: there is none.
+        """
+        rig = self.rig
+        self.bridge = Bridge(rig, self._card_config)
+        if bias is not None:
+            self.bridge.adopt_bias(bias)
+        self.guard = BridgeGuard(rig, self._safety, self._card_config.watchdog)
+        self.limbs = LimbController(rig)
+        self.wrenches = WrenchController(rig)
+        self.mode = OperatingMode.STOPPED
+        self.desired = np.zeros(6)
+        self._setpoint: TensionSetpoint | None = None
 
     def fork(self) -> LockstepRig:
         """Return a copy that goes its own way."""
