@@ -16,7 +16,8 @@ def main():
         print(json.dumps(clock.robot.encoders.tolist()), flush=True)
         for line in sys.stdin:
             if line.strip() == "registers":
-                answer = [controller.program.inputs, controller.program.outputs]
+                program = controller.program
+                answer = [list(program.inputs.values()), list(program.outputs.values())]
             else:
                 answer = clock.robot.encoders.tolist()
             print(json.dumps(answer), flush=True)

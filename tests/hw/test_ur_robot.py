@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from abb_harness import PATIENCE_S, running_ur_controller, wait_until
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
-from cabols_hw.ur.handshake import INPUTS, ProgramError
+from cabols_hw.ur.handshake import ERROR, INPUTS, ProgramError
 from cabols_hw.ur.program import program_text
 from cabols_hw.ur.robot import UrRobot
 from cabols_hw.ur.rtde import FORMATS, PackageType, Recipe, Splitter, packed
@@ -57,7 +57,7 @@ def test_a_silent_rig_stops_the_robot_by_itself(bench):
     controller.program.write = lambda values: None
     wait_until(lambda: not clock.robot.moving, "stand")
     thread.join(PATIENCE_S)
-    assert controller.program.outputs[2] == ProgramError.RIG_SILENT
+    assert controller.program.outputs[ERROR] == ProgramError.RIG_SILENT
     assert isinstance(seen[0], MoveAbortedError)
 
 

@@ -17,13 +17,17 @@ from cabols_hw.robot.interface import Capability, Leg, RobotInfo, RobotSample
 from cabols_hw.ur.connection import RtdeConnection
 from cabols_hw.ur.handshake import (
     ACCEPTED,
+    BEAT,
     BEAT_S,
     ERROR,
     FINISHED,
     INPUTS,
     OUTPUTS,
     PLAYING,
+    REQUEST,
+    STOP,
     STOPPED,
+    TARGET,
     ProgramError,
     RobotMode,
 )
@@ -74,7 +78,7 @@ class UrRobot:
         self._stream: RtdeConnection | None = None
         self._control: RtdeConnection | None = None
         self._lock = threading.RLock()
-        self._registers = [0, 0, 0, 0]
+        self._registers = dict.fromkeys(INPUTS, 0)
         self._heard: dict[str, Any] = {}
         self._sequence = 0
         self._stops = 0
@@ -148,8 +152,8 @@ class UrRobot:
         with self._lock:
             self._look(TIMEOUT_S)
             self._check_ready()
-            self._registers[0] = index
-            self._registers[1] = number = (self._registers[1] + 1) % 2**31
+            self._registers[TARGET] = index
+            self._registers[REQUEST] = number = (self._registers[REQUEST] + 1) % 2**31
         give_up = time.monotonic() + timeout_s
         accept = time.monotonic() + self._timeout_s
         asked = time.monotonic()
@@ -220,7 +224,7 @@ class UrRobot:
             self._stops += 1
             try:
                 self._commands()
-                self._registers[2] = number = (self._registers[2] + 1) % 2**31
+                self._registers[STOP] = number = (self._registers[STOP] + 1) % 2**31
                 while time.monotonic() < give_up:
                     self._beat()
                     self._look(BEAT_S)
@@ -249,16 +253,17 @@ class UrRobot:
                 self._control = None
                 raise RobotError("robot: its controller sends no RTDE data: restart it")
             self._heard = found[0]
-            self._registers = [0, int(self._heard[FINISHED]), int(self._heard[STOPPED]), 0]
+            self._registers[REQUEST] = int(self._heard[FINISHED])
+            self._registers[STOP] = int(self._heard[STOPPED])
             self._beat()
         return self._control
 
     def _beat(self) -> None:
         """Write all registers; the beat's differs each time."""
-        self._registers[3] = (self._registers[3] + 1) % 2**31
+        self._registers[BEAT] = (self._registers[BEAT] + 1) % 2**31
         try:
             assert self._control is not None
-            self._control.write(self._registers)
+            self._control.write(list(self._registers.values()))
         except RobotError:
             self._drop()
             raise

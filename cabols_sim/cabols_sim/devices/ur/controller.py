@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.serial_arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations
-from cabols_hw.ur.handshake import INPUTS, OUTPUTS, PLAYING
+from cabols_hw.ur.handshake import INPUTS, PLAYING
 from cabols_sim.devices.link import DeviceLink
 from cabols_sim.devices.robot.kinematics import Arm
 from cabols_sim.devices.ur.program import UrProgram
@@ -104,7 +104,7 @@ class UrController:
             "robot_status_bits": ON_AND_PLAYING * program.motors_on,
             "runtime_state": PLAYING if program.running else 1,
             "speed_scaling": 1.0,
-            **dict(zip(OUTPUTS, program.outputs, strict=True)),
+            **program.outputs,
         }
 
     def _value(self, name: str) -> Any:
@@ -113,6 +113,4 @@ class UrController:
         return self._values.get(name, 0)
 
     def _take(self, values: dict[str, int]) -> None:
-        program = self.program
-        found = [values.get(n, old) for n, old in zip(INPUTS, program.inputs, strict=True)]
-        program.write(found)
+        self.program.write({name: value for name, value in values.items() if name in INPUTS})

@@ -4,9 +4,23 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Mapping
 from typing import Any
 
-from cabols_hw.ur.handshake import SILENCE_S, ProgramError, RobotMode
+from cabols_hw.ur.handshake import (
+    ACCEPTED,
+    ERROR,
+    FINISHED,
+    INPUTS,
+    OUTPUTS,
+    REQUEST,
+    SILENCE_S,
+    STOP,
+    STOPPED,
+    TARGET,
+    ProgramError,
+    RobotMode,
+)
 from cabols_sim.devices.abb.rapid import Mover
 
 
@@ -16,8 +30,8 @@ class UrProgram:
     Attributes:
         motors_on: whether power is on and the brakes are released.
         running: whether the program plays.
-        inputs: target, request, stop, beat, as the client writes them.
-        outputs: accepted, finished, error, stopped.
+        inputs: registers as the client writes them, by name.
+        outputs: registers that the program writes, by name.
     """
 
     def __init__(self, mover: Mover, configurations: int) -> None:
@@ -30,8 +44,8 @@ class UrProgram:
         self._mover = mover
         self._configurations = configurations
         self._lock = threading.RLock()
-        self.inputs = [0, 0, 0, 0]
-        self.outputs = [0, 0, 0, 0]
+        self.inputs = dict.fromkeys(INPUTS, 0)
+        self.outputs = dict.fromkeys(OUTPUTS, 0)
         self.motors_on = self.running = True
         self._watched = False
         self._beat_s = 0.0
@@ -45,16 +59,16 @@ class UrProgram:
         """Field robot_mode."""
         return RobotMode.RUNNING if self.motors_on else RobotMode.POWER_OFF
 
-    def write(self, values: list[int]) -> None:
+    def write(self, values: Mapping[str, int]) -> None:
         """Take the client's registers.
 
         Args:
-            values: of all four.
+            values: by name; others stay.
         """
         with self._lock:
             # The watchdog looks at whether packages come, not at what is in them.
             self._watched, self._beat_s = True, time.monotonic()
-            self.inputs = list(values)
+            self.inputs.update(values)
 
     def set_motors(self, on: bool) -> None:
         """Switch the motors.
@@ -83,12 +97,12 @@ class UrProgram:
             if self._moving and silent:
                 self._mover.halt()
                 self._end(ProgramError.RIG_SILENT)
-            _, request, stop, _ = self.inputs
-            if stop != self.outputs[3]:
+            request, stop = self.inputs[REQUEST], self.inputs[STOP]
+            if stop != self.outputs[STOPPED]:
                 self._halt(stop, truth)
             elif self._moving:
                 self._move(truth)
-            elif request != self.outputs[1]:
+            elif request != self.outputs[FINISHED]:
                 self._begin(request)
 
     def _halt(self, stop: int, truth: Any) -> None:
@@ -99,20 +113,23 @@ class UrProgram:
             self._end(ProgramError.STOPPED)
         elif int(truth["acknowledged"]) >= self._command and not truth["moving"]:
             self._stopping = None
-            self.outputs[3] = stop
+            self.outputs[STOPPED] = stop
 
     def _begin(self, request: int) -> None:
-        self.outputs[0] = request
-        self._index = self.inputs[0]
+        self.outputs[ACCEPTED] = request
+        self._index = self.inputs[TARGET]
         if not 0 <= self._index < self._configurations:
-            self.outputs[1], self.outputs[2] = request, int(ProgramError.NO_CONFIGURATION)
+            self.outputs[FINISHED], self.outputs[ERROR] = (
+                request,
+                int(ProgramError.NO_CONFIGURATION),
+            )
             return
         self._moving, self._issued = True, False
 
     def _end(self, error: ProgramError) -> None:
         if self._moving:
             self._moving = False
-            self.outputs[1], self.outputs[2] = self.outputs[0], int(error)
+            self.outputs[FINISHED], self.outputs[ERROR] = self.outputs[ACCEPTED], int(error)
 
     def _move(self, truth: Any) -> None:
         if not self._issued:
