@@ -79,8 +79,10 @@ class SqliteFile:
         self.channels = list(channels.values())
         rows = connection.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
         for topic, time_ns, data in rows:
+            if not (isinstance(time_ns, int) and isinstance(data, bytes)):
+                raise TypeError(f"message {self.seen + 1} without time or content")
             self.seen += 1
-            yield Message(channels.get(topic), 0, time_ns, time_ns, bytes(data))
+            yield Message(channels.get(topic), 0, time_ns, time_ns, data)
 
     def _channels(self, connection: sqlite3.Connection) -> dict[int, ChannelInfo]:
         found = {}
