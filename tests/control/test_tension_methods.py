@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -27,6 +28,8 @@ from cabols_control.wrench_control.controller import DesiredWrench, WrenchContro
 from tension_cases import HIGH, LOW, REFERENCE, boundary_wrench, random_rig
 from tension_path import BOX, largest_jump, tensions_along
 
+# The exact answers; those that change little with the pose: test_tension_smooth.py.
+distribute = partial(distribute, exact=True)
 MIDDLE, HALF = 0.5 * (LOW + HIGH), 0.5 * (HIGH - LOW)
 NEW = [method for method in CHOICES if method != "min_norm"]
 WEIGHTS = np.array(DEFAULT_WEIGHTS)

@@ -12,7 +12,7 @@ from cabols_control.errors import CabolsError, ShapeError
 
 from .arguments import check_limits, check_matrix, check_weights, check_wrench
 from .kernels.basis import prepare_pose
-from .kernels.work_array import FEASIBLE, INVALID, ITERATIONS, work_size
+from .kernels.work_array import EXACT, FEASIBLE, INVALID, ITERATIONS, LOSS, work_size
 from .methods import CHOICES, DEFAULT_EXPONENT, choose_prepared, set_method
 from .references.daqp_fallback import solve_daqp
 from .references.enumeration import enumerate_active_sets
@@ -31,13 +31,15 @@ def distribute(
     method: str = "min_norm",
     weights: ArrayLike | None = None,
     exponent: float = DEFAULT_EXPONENT,
+    exact: bool = False,
 ) -> TensionSolution:
     """Choose the cable tensions that give a wrench: redundancy resolution (3.5)-(3.8).
 
     Minimises |tension|_2 subject to A @ tension = wrench and the limits. If no tension does,
     the answer is the nearest feasible wrench's: tension minimises
     |diag(weights) (A @ tension - wrench)|_2 inside the limits and has the least norm among
-    those that do. Which of the two it is, `feasible` says.
+    those that do. Which of the two it is, `feasible` says. Both are given up by a little where
+    tensions would run too fast with the pose, unless `exact`.
 
     Feasible means: limits missed by at most max(1e-12, 4 eps cond) times the largest limit, cond
     the condition of diag(weights) A; the tensions are then clipped, so the residual stays below
@@ -62,6 +64,10 @@ def distribute(
         weights: (6,) positive weights of the wrench components in the nearest wrench; default
             1/N for force and 1/(0.15 m) for torque, 0.15 m the reference platform's radius.
         exponent: p of "p_norm", 2 to 32.
+        exact: keep the least norm and the nearest wrench where tensions then jump with the pose.
+            By default they are continuous in pose, wrench and limits, feasible or not: where the
+            least norm would be too steep, the wrench is missed by `loss` more than it must be
+            (kernels/smooth.py). `feasible` always refers to what the limits allow.
 
     Returns:
         Tensions inside the limits, whether they are feasible, residual A @ tension - wrench.
@@ -82,6 +88,7 @@ def distribute(
     low, high = check_limits(n, tension_min, tension_max)
     scale = check_weights(weights)
     work, tension, residual = np.empty(work_size(n)), np.empty(n), np.empty(6)
+    work[EXACT] = 1.0 if exact else 0.0
     deficient = prepare_pose(matrix, low, high, scale, work) == 1
     if method in _EXACT and not deficient:
         found, iterations = _EXACT[method](matrix, target, low, high)
@@ -91,4 +98,5 @@ def distribute(
     status = choose_prepared(work, target, tension, residual)
     if status == INVALID:  # finite, but beyond what squares can hold
         raise ShapeError(f"A, wrench: expected numbers below 1e99, got {target}; check the units")
-    return TensionSolution(tension, status == FEASIBLE, residual, method, int(work[ITERATIONS]))
+    steps, loss = int(work[ITERATIONS]), float(work[LOSS])
+    return TensionSolution(tension, status == FEASIBLE, residual, method, steps, loss)

@@ -29,19 +29,22 @@ from .kernels.centres import (
     move,
 )
 from .kernels.dispatch import clip_and_subtract, solve_prepared
-from .kernels.polygon import centroid, feasible_polygon, flat_ends, max_corners
+from .kernels.polygon import centroid, feasible_polygon, flat_ends, half_width, max_corners
 from .kernels.static_size import EIGHT, compiled
 from .kernels.work_array import (
     CABLES,
+    EXACT,
     EXPONENT,
     FEASIBLE,
     INVALID,
     ITERATIONS,
+    LOSS,
     METHOD,
     READY,
     SCALE,
     SHARE,
     STATE,
+    WIDTH,
     at_basis,
     at_limits,
     at_scratch,
@@ -59,6 +62,9 @@ DEFAULT_EXPONENT = 4.0
 EXPONENTS = (2.0, 32.0)
 """Least and largest p: 2 is nearest to the middle of the limits, 32 nearly the largest slack."""
 MAX_REDUNDANCY = 2
+NARROW = 0.02
+"""Times the largest limit: where the polygon's area over half its perimeter is less, the method's
+tensions fade into the least norm's, as the corners of a narrow polygon run fast."""
 SLENDER = 1e-6
 """Twice the area over the square of its length below which a polygon's centre is sought on the
 segment between its ends: the Hessian across is then a trillion times that along."""
@@ -156,6 +162,8 @@ def _choose_in_plane(
     if count < 1:
         return 0
     x, y, area = centroid(work, points, count)
+    if work[EXACT] != 1.0:
+        work[WIDTH] = min(half_width(points, count, area) / (NARROW * work[SCALE]), 1.0)
     if method == P_NORM:
         if area == 0.0:
             ax, ay, bx, by = flat_ends(points, count)
@@ -219,14 +227,15 @@ def choose_prepared(
     saved = at_scratch(n) + 4 * max_corners(n) + DERIVATIVES
     for i in range(n):
         work[saved + i] = tension_out[i]
+    work[WIDTH] = 1.0
     if nullity == 1:
         work[ITERATIONS] += _choose_on_line(work, n, method, tension_out)
     else:
-        inexact = _ROUNDING if status == FEASIBLE else _NEAREST_ROUNDING
+        inexact = _ROUNDING if status == FEASIBLE and work[LOSS] == 0.0 else _NEAREST_ROUNDING
         tolerance = inexact * work[SCALE]
         work[ITERATIONS] += _choose_in_plane(work, n, method, tolerance, tension_out)
     _keep_if_outside(work, n, saved, tension_out)
-    share = work[SHARE]
+    share = work[SHARE] * work[WIDTH]
     if share < 1.0:
         for i in range(n):
             tension_out[i] = work[saved + i] + share * (tension_out[i] - work[saved + i])

@@ -39,8 +39,10 @@ from .kernels.basis import prepare_pose
 from .kernels.dispatch import solve_batch, solve_pose_batch
 from .kernels.work_array import (
     CABLES,
+    EXACT,
     FEASIBLE,
     INFEASIBLE,
+    LOSS,
     at_limits,
     at_weights,
     rig_work_size,
@@ -70,6 +72,7 @@ class TensionResolver:
         tension_min: number or (n,) [N].
         tension_max: number or (n,) [N].
         weights: (6,) of the nearest wrench; default as in `distribute`.
+        exact: as in `distribute`.
 
     Attributes:
         work: the work array that the compiled functions take.
@@ -89,12 +92,14 @@ class TensionResolver:
         tension_min: ArrayLike,
         tension_max: ArrayLike,
         weights: ArrayLike | None = None,
+        exact: bool = False,
     ) -> None:
         """Check everything and prepare the pose."""
         matrix = check_matrix(A)
         self.cables = int(matrix.shape[1])
         limits = check_limits(self.cables, tension_min, tension_max)
         self.work = np.zeros(work_size(self.cables))
+        self.work[EXACT] = 1.0 if exact else 0.0
         self.deficient = prepare_pose(matrix, *limits, check_weights(weights), self.work) == 1
 
     def solve(self, wrench: ArrayLike) -> TensionSolution:
@@ -113,7 +118,9 @@ class TensionResolver:
         status = code & STATUS_MASK
         if status > INFEASIBLE:
             refuse_wrench(wrench)
-        return _new(TensionSolution, (tension, status == 0, residual, _METHOD, code >> STATUS_BITS))
+        loss = self.work.item(LOSS)
+        steps = code >> STATUS_BITS
+        return _new(TensionSolution, (tension, status == 0, residual, _METHOD, steps, loss))
 
     def solve_into(self, wrench: FloatArray, tension: FloatArray) -> bool:
         """Tensions for one wrench into an array, for loops that allocate nothing.
@@ -187,6 +194,7 @@ class RigTensionResolver:
         tension_min: number or (n,) [N].
         tension_max: number or (n,) [N].
         weights: (6,) of the nearest wrench; default as in `distribute`.
+        exact: as in `distribute`.
 
     Raises:
         ShapeError: if an argument has another shape or is not finite.
@@ -202,6 +210,7 @@ class RigTensionResolver:
         tension_min: ArrayLike,
         tension_max: ArrayLike,
         weights: ArrayLike | None = None,
+        exact: bool = False,
     ) -> None:
         """Check everything and put limits and weights where the compiled code finds them."""
         base = finite_array("base_points", base_points, (None, 3))
@@ -214,6 +223,7 @@ class RigTensionResolver:
         limits, start = check_limits(n, tension_min, tension_max), at_limits(n)
         self.work = np.zeros(rig_work_size(n))
         self.work[CABLES] = n
+        self.work[EXACT] = 1.0 if exact else 0.0
         self.work[start : start + 2 * n] = np.concatenate(limits)
         self.work[at_weights(n) : at_weights(n) + 6] = check_weights(weights)
         self.work[work_size(n) :] = np.concatenate([base.ravel(), platform.ravel()])
@@ -248,7 +258,9 @@ class RigTensionResolver:
         if status > INFEASIBLE:
             self._refuse_pose(position, rotation)
             refuse_wrench(wrench)
-        return _new(TensionSolution, (tension, status == 0, residual, _METHOD, code >> STATUS_BITS))
+        loss = self.work.item(LOSS)
+        steps = code >> STATUS_BITS
+        return _new(TensionSolution, (tension, status == 0, residual, _METHOD, steps, loss))
 
     def _refuse_pose(self, position: ArrayLike, rotation: ArrayLike) -> None:
         """Say what is wrong with a pose that the compiled code refused, if it is the pose."""

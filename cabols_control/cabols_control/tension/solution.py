@@ -16,6 +16,9 @@ class TensionSolution(NamedTuple):
         residual: (6,) A @ tension - wrench, force [N] then torque [N m].
         method: name of the requested method.
         iterations: clips, pivots or active sets that the method went through.
+        loss: what was given up for tensions that change little (kernels/smooth.py): by how much
+            the residual is longer than the nearest wrench's, in the weighted metric, newtons by
+            default. 0 where nothing was.
     """
 
     tension: FloatArray
@@ -23,3 +26,4 @@ class TensionSolution(NamedTuple):
     residual: FloatArray
     method: str
     iterations: int
+    loss: float = 0.0

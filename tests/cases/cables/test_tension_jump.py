@@ -14,7 +14,6 @@ from cabols_control.kinematics import structure_matrix
 from cabols_control.tension import distribute
 from cabols_control.workspace.capacity import capacity_along
 from cabols_control.workspace.wrench_set import wrench_polytope
-from cases import fails_today
 
 NOISE = (16e-6, 136e-6)
 """Of the tracker's pose: position [m], rotation [rad]."""
@@ -68,14 +67,12 @@ def test_tensions_inside_the_boundary_do_not_jump(bench, boundary, method):
     assert largest_change(bench, boundary, 0.99, method) < 2.0
 
 
-@fails_today(15, "the nearest wrench's tensions are not continuous in the pose")
 @pytest.mark.parametrize("method", ["min_norm", "barycentre"])
 @pytest.mark.parametrize("share", [1.001, 1.1])
 def test_tensions_beyond_the_boundary_do_not_jump(bench, boundary, method, share):
     assert largest_change(bench, boundary, share, method) < JUMP_N
 
 
-@fails_today(15, "neighbouring poses, one wrench: 113 N apart")
 def test_tensions_of_neighbouring_poses_are_neighbours(bench):
     offsets = np.random.default_rng(0).uniform(-1e-6, 1e-6, (60, 6))
     found = tensions(bench, WRENCH, "min_norm", offsets)

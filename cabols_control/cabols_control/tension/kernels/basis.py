@@ -20,6 +20,7 @@ from .work_array import (
     READY,
     SCALE,
     STATE,
+    STEEPEST,
     TOLERANCE,
     at_basis,
     at_gram,
@@ -37,6 +38,8 @@ RANK_TOLERANCE = 1e-10
 FEASIBILITY_TOLERANCE = 1e-12
 """Limits may be missed by this times the largest limit before a wrench counts as infeasible."""
 NOT_YET = -1.0
+SLOPE = 100.0
+"""Times the largest limit: largest multiplier of least-norm tensions [1 / weighted N]."""
 ROUNDING = 2.220446049250313e-16
 
 
@@ -285,7 +288,10 @@ def _prepare(
     if not full:
         return 1
     _fill_basis(work, size)
-    condition = math.sqrt(square) * _fill_inverse(work, size)
+    inverse = _fill_inverse(work, size)
+    condition = math.sqrt(square) * inverse
+    # |lambda| <= |pinv(B)| (|t| + |mu|), mu the multipliers of the limits.
+    work[STEEPEST] = (SLOPE / inverse - math.sqrt(n)) * work[SCALE]
     if not condition * RANK_TOLERANCE < 1.0:
         return 1
     work[TOLERANCE] = max(FEASIBILITY_TOLERANCE, 4.0 * ROUNDING * condition) * work[SCALE]

@@ -11,15 +11,18 @@ from .faces import choose_on_face, choose_on_line
 from .general import least_norm
 from .nearest import CHOOSE, DESCEND, descend, nearest_from_conflict, start_from_limits
 from .plane import pseudo_inverse_tension, solve_line, solve_plane, solve_point
+from .smooth import soften, steep
 from .static_size import EIGHT, Size, cables, compiled, inlined
 from .work_array import (
     CABLES,
     DEFICIENT,
+    EXACT,
     FEASIBLE,
     GRAM_MAX,
     INFEASIBLE,
     INVALID,
     ITERATIONS,
+    LOSS,
     READY,
     SCALE,
     STATE,
@@ -37,7 +40,7 @@ LARGEST_WRENCH = 1e100
 DEFICIENT_TOLERANCE = 1e-11
 """Rank-deficient A: the wrench is reached if the weighted residual is below this, relative."""
 _TO_DO = -1
-_DETECT, _RESIDUAL = 16, 17  # scratch vectors
+_DETECT, _RESIDUAL, _SAVED = 16, 17, 7  # scratch vectors
 
 
 @inlined
@@ -147,7 +150,10 @@ def _solve(
     target = _scaled_wrench(work, size, wrench)
     ready = work[STATE] == READY
     planar = ready and n == 8
+    smooth, saved = work[EXACT] != 1.0 and work[SCALE] > 0.0, at_vector(n, _SAVED)
     if ready and _inside_limits(work, size, target, tension_out):
+        if smooth and steep(work, size, tension_out):
+            soften(work, size, target, True, saved, tension_out)
         clip_and_subtract(work, size, wrench, tension_out, residual_out)
         return FEASIBLE
     todo = DESCEND
@@ -160,7 +166,12 @@ def _solve(
     if todo == CHOOSE and not (planar and choose_on_line(work, n, tension_out)):
         choose_on_face(work, n, tension_out)
     largest = clip_and_subtract(work, size, wrench, tension_out, residual_out)
-    return FEASIBLE if _reached(work, target, largest) else INFEASIBLE
+    if _reached(work, target, largest):
+        return FEASIBLE
+    if smooth:
+        soften(work, size, target, False, saved, tension_out)
+        clip_and_subtract(work, size, wrench, tension_out, residual_out)
+    return INFEASIBLE
 
 
 @inlined
@@ -183,6 +194,7 @@ def solve_prepared(
     if not _usable(work, wrench):
         return _reject(work, n, tension_out, residual_out)
     work[ITERATIONS] = 0.0
+    work[LOSS] = 0.0
     if n == 8:
         # The common case stays here: to call a function with arrays costs a tenth of it.
         if work[STATE] == READY and solve_fixed_eight(work, wrench, tension_out):
@@ -281,6 +293,7 @@ def solve_at_pose(
     low, high = work[limits : limits + n], work[limits + n : limits + 2 * n]
     base, platform, A = _rig_views(work)
     structure_matrix_into(base, platform, position, rotation, A)
+    work[LOSS] = 0.0
     if not (n == 8 and solve_pose_eight(work, low, high, wrench, tension_out)):
         prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
         return solve_prepared(work, wrench, tension_out, residual_out)

@@ -18,10 +18,13 @@ from numba import njit
 from cabols_control.checks import FloatArray
 
 from .plane import PARALLEL, VIOLATION
+from .smooth import AT_LIMIT, PLAIN_MULTIPLIER
 from .static_size import compiled
 from .work_array import (
+    EXACT,
     ITERATIONS,
     SCALE,
+    STEEPEST,
     at_basis,
     at_inverse,
     at_limits,
@@ -52,16 +55,18 @@ _PIVOT, _SIDE, _BASIS = _FACTOR + 36, _FACTOR + 42, _FACTOR + 48
 
 
 @compiled
-def _plane_eight(work: FloatArray, null: int, tension: FloatArray) -> bool:
+def _plane_eight(work: FloatArray, null: int, steepest: float, tension: FloatArray) -> bool:
     """Least-norm tensions within the limits; `tension` is t0, then the answer.
 
     Args:
         work: work array of the pose.
         null: where the null space's orthonormal rows (2, 8) begin in it.
+        steepest: multipliers of the limits beyond this are not plain (smooth.py) [N].
         tension: (8,) [N].
     """
     threshold = VIOLATION * work[SCALE]
     zx, zy, clips = 0.0, 0.0, 0
+    ux, uy, foot, along = 1.0, 0.0, 0.0, 0.0
     for i in range(_N):
         ax, ay = work[null + i], work[null + _N + i]
         value = tension[i] + (ax * zx + ay * zy)
@@ -95,11 +100,21 @@ def _plane_eight(work: FloatArray, null: int, tension: FloatArray) -> bool:
         clips += i
         s = min(max(0.0, lower), upper)
         zx, zy = fx - s * ay, fy + s * ax
+        ux, uy, foot, along = ax, ay, reach, s
     work[ITERATIONS] = clips
     for i in range(_N):
         value = tension[i] + (work[null + i] * zx + work[null + _N + i] * zy)
         tension[i] = min(max(value, work[_LIMITS + i]), work[_LIMITS + _N + i])
-    return PLAIN
+    if along == 0.0:
+        return abs(foot) <= steepest
+    # A corner: the multiplier of the other limit grows as the two lines become parallel.
+    square, least, near = ux * ux + uy * uy, 2.0, AT_LIMIT * work[SCALE]
+    for i in range(_N):
+        slope = abs(work[null + _N + i] * ux - work[null + i] * uy)
+        room = min(tension[i] - work[_LIMITS + i], work[_LIMITS + _N + i] - tension[i])
+        least = slope if room <= near and PARALLEL < slope < least else least
+    other = abs(along) * square / least
+    return abs(foot) + other * (1.0 + 1.0 / math.sqrt(square)) <= steepest
 
 
 @compiled
@@ -113,7 +128,8 @@ def solve_fixed_eight(work: FloatArray, wrench: FloatArray, tension: FloatArray)
         tension[i] = (
             (work[k] * w0 + work[k + 8] * w1) + (work[k + 16] * w2 + work[k + 24] * w3)
         ) + (work[k + 32] * w4 + work[k + 40] * w5)
-    return bool(_plane_eight(work, _NULL, tension))
+    steepest = math.inf if work[EXACT] == 1.0 else work[STEEPEST]
+    return bool(_plane_eight(work, _NULL, steepest, tension))
 
 
 @vectorised
@@ -233,4 +249,5 @@ def solve_pose_eight(
     if not (np.isfinite(total) and np.isfinite(largest)):
         return NOT_PLAIN
     _project(work, tension, 0)
-    return bool(_plane_eight(work, _BASIS, tension))
+    steepest = math.inf if work[EXACT] == 1.0 else PLAIN_MULTIPLIER * largest
+    return bool(_plane_eight(work, _BASIS, steepest, tension))

@@ -7,6 +7,8 @@ and Hodgman 1974). Points lie in the caller's scratch as x, y pairs.
 
 from __future__ import annotations
 
+import math
+
 from cabols_control.checks import FloatArray
 
 from .static_size import compiled
@@ -95,6 +97,17 @@ def flat_ends(points: FloatArray, count: int) -> tuple[float, float, float, floa
                 far, ex, ey = dx * dx + dy * dy, points[2 * k], points[2 * k + 1]
         ends_x, ends_y = (ox, ex), (oy, ey)
     return ends_x[0], ends_y[0], ends_x[1], ends_y[1]
+
+
+@compiled
+def half_width(points: FloatArray, count: int, area: float) -> float:
+    """Twice the area over the perimeter: between inradius and half the least width."""
+    length = 0.0
+    for k in range(count):
+        j = k + 1 if k + 1 < count else 0
+        dx, dy = points[2 * j] - points[2 * k], points[2 * j + 1] - points[2 * k + 1]
+        length += math.sqrt(dx * dx + dy * dy)
+    return area / length if length > 0.0 else 0.0
 
 
 @compiled

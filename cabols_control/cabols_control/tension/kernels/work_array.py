@@ -19,7 +19,7 @@ INFEASIBLE = 1
 INVALID = 2
 """Something is not finite (or min > max); `tension_min` is returned as the safe answer."""
 
-HEADER = 16
+HEADER = 24
 # Slots of the header.
 CABLES = 0
 RANK = 1
@@ -36,6 +36,14 @@ CONFLICT_SIDE = 10
 METHOD = 13
 EXPONENT = 14
 SHARE = 15
+# 1: the least norm and the nearest wrench as they are; else those that change little (smooth.py).
+EXACT = 16
+# What is given up for that: by how much the miss is longer, in the weighted metric.
+LOSS = 17
+# Multipliers of the limits up to this cannot be steep; see EXACT.
+STEEPEST = 18
+# Share of the method's tensions that a polygon this narrow leaves (methods.py).
+WIDTH = 19
 
 # Values of STATE.
 READY = 0.0
