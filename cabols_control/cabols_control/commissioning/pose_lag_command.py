@@ -1,7 +1,7 @@
 """Identify how late the robot's poses are, from a recorded motion under load.
 
 The robot has to move while the cables pull, best to and fro at 50 mm/s: see the action follow_path.
-The lag found is for `pose_lag` in the rig's control.yaml, beside the one that is there already.
+The lag found is of the stamps as recorded: it replaces `pose_lag` in the rig's control.yaml.
 """
 
 from __future__ import annotations
