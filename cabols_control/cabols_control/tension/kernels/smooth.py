@@ -48,7 +48,7 @@ from .work_array import (
 PLAIN_MULTIPLIER = 20.0
 """Times the largest limit: multipliers of limits up to this are not steep where |pinv(B)| < 4.3."""
 JOINT_STEPS = 12
-OUTER_STEPS, INNER_STEPS = 60, 40
+OUTER_STEPS, INNER_STEPS = 25, 15
 SETTLED = 1e-12
 """Times the largest limit and wrench: equations missed by less are solved."""
 AT_LIMIT = 1e-9
