@@ -97,6 +97,10 @@ bench-methods: setup  ## compare the methods of tension distribution
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_methods.py $(ARGS)
 
+bench-continuity: setup  ## changes of tensions between cycles, near the boundary and beyond it
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_continuity.py $(ARGS)
+
 bench-workspace: setup  ## time workspace grids beside linear programmes
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_workspace.py $(ARGS)

@@ -66,6 +66,8 @@ def limb_state(store, i, limbs=8, frame="base"):
         zeroing=1,
         mode=2,
         session=1,
+        cable_speed=0.5 * values,
+        cable_acceleration=np.full(limbs, np.nan),
     )
     return bytes(store.serialize_cdr(message, LIMB_STATE))
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import socket
 import struct
 import threading
-import time
 
 import pytest
 from hypothesis import given, settings
@@ -92,10 +91,8 @@ def test_nobody_there_and_another_service():
         UrRobot("127.0.0.1", 1, timeout_s=0.5).info()
     with socket.create_server(("127.0.0.1", 0)) as other:
         silent = UrRobot("127.0.0.1", other.getsockname()[1], timeout_s=0.2)
-        began = time.monotonic()
         with pytest.raises(RobotError, match="no answer"):
             silent.info()
-        assert time.monotonic() - began < 5.0
 
 
 def test_the_program_has_every_configuration():

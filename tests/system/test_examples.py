@@ -29,6 +29,7 @@ def bag(tmp_path):
     from rclpy.serialization import serialize_message
 
     floats = ("wound_length", "elongation", "tension", "current")
+    floats += ("cable_speed", "cable_acceleration")
     store = get_typestore(Stores.ROS2_JAZZY)
     vector = store.types["geometry_msgs/msg/Vector3"]
     with BagWriter(tmp_path / "run", {}) as writer:

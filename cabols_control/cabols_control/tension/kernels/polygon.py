@@ -101,7 +101,13 @@ def flat_ends(points: FloatArray, count: int) -> tuple[float, float, float, floa
 
 @compiled
 def half_width(points: FloatArray, count: int, area: float) -> float:
-    """Twice the area over the perimeter: between inradius and half the least width."""
+    """Twice the area over the perimeter: between inradius and half the least width.
+
+    Args:
+        points: (2 count,) corners in order, x and y in turn.
+        count: number of corners.
+        area: twice the polygon's area, in squares of the points' unit.
+    """
     length = 0.0
     for k in range(count):
         j = k + 1 if k + 1 < count else 0

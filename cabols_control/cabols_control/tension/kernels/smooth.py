@@ -48,7 +48,8 @@ from .work_array import (
 PLAIN_MULTIPLIER = 20.0
 """Times the largest limit: multipliers of limits up to this are not steep where |pinv(B)| < 4.3."""
 JOINT_STEPS = 12
-OUTER_STEPS, INNER_STEPS = 25, 15
+OUTER_STEPS, INNER_STEPS, MOST_STEPS = 25, 60, 360
+"""Of the slower method; no further outer step begins after MOST_STEPS inner ones in all."""
 SETTLED = 1e-12
 """Times the largest limit and wrench: equations missed by less are solved."""
 AT_LIMIT = 1e-9
@@ -220,7 +221,10 @@ def _bracketed(
     at, turn, low, high = at_vector(n, _LAMBDA), at_vector(n, _TURN), 0.0, math.inf
     if not e > 0.0:
         e = 1e-6
+    last = work[ITERATIONS] + MOST_STEPS
     for _ in range(OUTER_STEPS):
+        if work[ITERATIONS] > last:
+            break
         _settle(work, size, target, settled, e, t)
         length = math.sqrt(_dot(work, at, at))
         if abs(length - rho) <= 1e-9 * rho:
@@ -245,6 +249,11 @@ def steep(work: FloatArray, size: Size, tension: FloatArray) -> bool:
     """Whether least-norm tensions of rank-6 A have a multiplier beyond rho.
 
     Leaves the multiplier in _LAMBDA, for `soften`; where too few cables are free to tell, True.
+
+    Args:
+        work: work array of a prepared pose.
+        size: number of cables.
+        tension: (n,) the least-norm tensions [N].
     """
     n = cables(size)
     limits, scaled, pull = at_limits(n), at_scaled(n), at_vector(n, _PULL)
