@@ -42,7 +42,7 @@ WRENCH_CONTROLLER = NodeSpec(
     "cabols_control",
     "wrench_controller",
     ("wrench", "desired_wrench", "desired_tension", "platform_pose", "mode"),
-    ("tension_command", "loop_status"),
+    ("tension_command", "frame_wrench", "loop_status"),
     role=Role.CONTROLLER,
     takes=(
         *OF_EVERY_LOOP,

@@ -40,6 +40,7 @@ SERVICES = (
     Service("commission_limb", ("limb_controller",), action=True),
     Service("run_program", ("load_program",), action=True),
     Service("move_to_configuration", (ROBOT,), ("console", CAMPAIGN), action=True),
+    Service("follow_path", (ROBOT,), ("console", CAMPAIGN), action=True),
     Service("measure_reflector", (ROBOT,), ("console", CAMPAIGN), action=True),
     Service("run_stiffness_test", (CAMPAIGN,), action=True),
 )

@@ -13,6 +13,7 @@ from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import distribute
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
+from cabols_control.wrench_frames import platform_axes
 
 
 def warm_limbs(rig: Rig) -> None:
@@ -52,6 +53,11 @@ def warm_wrenches(rig: Rig) -> None:
             controller.hear_pose(0.001 * k, *pose)
         controller.place(0.001 * k)
         setpoint = DesiredWrench(0.001 * k, np.full(6, 1000.0 * k))
+        measured = controller.to_base_axes(np.zeros(6))
+        controller.step(0.001 * k, measured, OperatingMode.LOADING, setpoint)
+    moving = platform_axes()
+    for k in range(3, 6):
+        setpoint = DesiredWrench(0.001 * k, np.full(6, 1.0), moving)
         measured = controller.to_base_axes(np.zeros(6))
         controller.step(0.001 * k, measured, OperatingMode.LOADING, setpoint)
 

@@ -222,6 +222,11 @@ def _record(fixed: bool, axes: Axes, position: Any, rotation: Any) -> Any:
     return record
 
 
+def platform_axes() -> Any:
+    """Return the frame of the platform's axes about its origin, a (1,) record, not placed yet."""
+    return _record(False, Axes.OWN, np.zeros(3), np.eye(3))
+
+
 def wrench_frames(
     base: str,
     platform: str,
@@ -242,7 +247,7 @@ def wrench_frames(
         ConfigError: if a frame of the user's has a name that is taken.
     """
     alias = {"base": _record(False, Axes.BASE, np.zeros(3), np.eye(3))} if base != "base" else {}
-    standard = _record(False, Axes.OWN, np.zeros(3), np.eye(3))
+    standard = platform_axes()
     flange = tool.rotation.T
     records = {
         base: _record(False, Axes.BASE, np.zeros(3), np.eye(3)),

@@ -8,7 +8,7 @@ from cabols_control.bringup_nodes import OF_EVERY_LOOP
 BRIDGE = NodeSpec(
     "cabols_hw",
     "q8_ati_bridge",
-    ("motor_current", "platform_pose", "mode"),
+    ("motor_current", "platform_pose", "path_motion", "mode"),
     ("limb_state", "wrench", "loop_status"),
     role=Role.CLOCK,
     takes=(
@@ -26,7 +26,7 @@ ROBOT = NodeSpec(
     "cabols_hw",
     "abb_tracker_bridge",
     ("mode",),
-    ("platform_pose", "joint_states", "reflector_measurement", "loop_status"),
+    ("platform_pose", "joint_states", "reflector_measurement", "path_motion", "loop_status"),
     role=Role.ROBOT,
     takes=(
         *OF_EVERY_LOOP,

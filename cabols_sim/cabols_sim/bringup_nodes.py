@@ -12,7 +12,7 @@ from cabols_control.bringup_nodes import OF_EVERY_LOOP
 PLANT = NodeSpec(
     "cabols_sim",
     "plant",
-    ("motor_current", "tension_command", "mode"),
+    ("motor_current", "tension_command", "path_motion", "mode"),
     ("limb_state", "wrench", "platform_pose", "loop_status"),
     role=Role.SIMULATION,
     takes=(
