@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
@@ -89,9 +89,29 @@ def launch_nodes(
         if spec.restarts:
             actions.append(node)
             continue
-        end = EmitEvent(event=Shutdown(reason=f"{spec.executable} ended"))
         actions += [
             node,
-            RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end])),
+            RegisterEventHandler(OnProcessExit(target_action=node, on_exit=end_all(spec))),
         ]
     return actions
+
+
+def end_all(spec: NodeSpec) -> Callable[[Any, Any], list[Any]]:
+    """Return what ends the launch when a node ends, in order in any case.
+
+    A launch whose handler raises shuts down as always, and then exits with 1: launch has no other
+    way to an exit code.
+
+    Args:
+        spec: the node; the handler takes launch's event and context.
+
+    Raises:
+        RuntimeError: by the handler, if the node failed before the launch was ending.
+    """
+
+    def ended(event: Any, context: Any) -> list[Any]:
+        if event.returncode and not context.is_shutdown:
+            raise RuntimeError(f"{spec.executable} ended with exit code {event.returncode}")
+        return [EmitEvent(event=Shutdown(reason=f"{spec.executable} ended"))]
+
+    return ended
