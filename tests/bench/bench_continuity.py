@@ -46,7 +46,7 @@ MOST_N, USUAL_N, SHARE_USUAL = 5.0, 2.0, 0.999
 PUBLIC = (
     "cogiro", "ipanema1", "ipanema2", "caroca", "macarm", "pocaboss", "swin_full", "robocrane",
 )  # fmt: skip
-COUNTS = (1000, 4000)
+COUNTS = (4000, 16000)
 SHRINKS = 0.75
 """Share that is left of the largest step at four times as many samples; a jump keeps 1."""
 
