@@ -131,6 +131,23 @@ def test_a_moving_platform_takes_its_wrench_along(frames):
     assert controller.desired == pytest.approx(frames.to_base("tip", given, *pose), abs=1e-9)
 
 
+@pytest.mark.parametrize("name", ["base", "platform", "knee"])
+def test_a_stale_wrench_commands_nothing_in_any_frame(frames, name):
+    """Desired before LOADING began, in a frame that would be led: it never was in force."""
+    rig = load_rig()
+    controller = WrenchController(rig)
+    stale = DesiredWrench(0.0, np.array([40.0, 0.0, 0.0, 0.0, 0.0, 2.0]), frames.record(name))
+    pose = rig.geometry.reference_position, rig.geometry.reference_rotation
+    for k in range(200):
+        now_s = 10.0 + 0.001 * k
+        controller.hear_pose(now_s, *pose)
+        controller.place(now_s)
+        controller.step(now_s, np.zeros(6), OperatingMode.LOADING, stale)
+    assert controller.active
+    assert not controller.desired.any()
+    assert controller.control == pytest.approx(np.zeros(6), abs=1e-9)
+
+
 def test_the_rigs_file_holds_the_users_frames(tmp_path):
     shutil.copytree(find_rig().path, tmp_path / "mine")
     file = tmp_path / "mine" / "frames.yaml"

@@ -271,21 +271,29 @@ class WrenchController:
 
     def _follow(self, stamp_s: float, dt_s: float, setpoint: DesiredWrench | None) -> None:
         """Set the desired wrench in force; a stale one is ramped to zero at the unload rate."""
-        self._set_desired(stamp_s, dt_s, setpoint)
+        if setpoint is not None and abs(stamp_s - setpoint.stamp_s) <= self._desired_timeout:
+            taken = self._take(setpoint)
+        else:
+            self._let_go(dt_s, setpoint)
+            taken = False
         self._reference[:] = self.desired
-        if setpoint is not None and setpoint.frame is not None and self.notice is None:
+        # Only a wrench that is in force is led: a stale or refused one commands nothing.
+        if taken and setpoint is not None and setpoint.frame is not None:
             self._lead(setpoint)
 
-    def _set_desired(self, stamp_s: float, dt_s: float, setpoint: DesiredWrench | None) -> None:
-        if setpoint is not None and abs(stamp_s - setpoint.stamp_s) <= self._desired_timeout:
-            self.notice = None
-            if not _take_into(self._in_base(setpoint), self._reasonable, self.desired):
-                self.notice = Fault(
-                    FaultName.DESIRED,
-                    f"desired_wrench: expected at most {REASONABLE:g} times the rated wrench, got "
-                    f"{np.asarray(setpoint.wrench).tolist()}; the one before stays in force",
-                )
-            return
+    def _take(self, setpoint: DesiredWrench) -> bool:
+        """Set the desired wrench in force; False if it is refused."""
+        self.notice = None
+        if not _take_into(self._in_base(setpoint), self._reasonable, self.desired):
+            self.notice = Fault(
+                FaultName.DESIRED,
+                f"desired_wrench: expected at most {REASONABLE:g} times the rated wrench, got "
+                f"{np.asarray(setpoint.wrench).tolist()}; the one before stays in force",
+            )
+        return self.notice is None
+
+    def _let_go(self, dt_s: float, setpoint: DesiredWrench | None) -> None:
+        """Ramp the desired wrench to zero, as there is no fresh one."""
         if setpoint is not None and self.desired.any():
             self.notice = Fault(
                 FaultName.DESIRED_AGE,
