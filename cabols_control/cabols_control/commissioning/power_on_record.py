@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from cabols_control.durable_file import write_durably
 from cabols_control.errors import CabolsError
 from cabols_control.rig_folder import RigFolder
 from cabols_control.state_folder import state_folder
@@ -70,14 +70,9 @@ def save_passed(path: Path, configuration: str, limbs: Iterable[int]) -> None:
         CabolsError: if it cannot be written.
     """
     content = {"form": FORM, "configuration": configuration, "limbs": sorted(limbs)}
-    draft = path.with_name(path.name + ".new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with draft.open("w", encoding="utf-8") as stream:
-            json.dump(content, stream)
-            stream.flush()
-            os.fsync(stream.fileno())
-        draft.replace(path)
+        write_durably(path, json.dumps(content))
     except OSError as error:
         raise CabolsError(f"{path}: the check's result cannot be written ({error})") from error
 

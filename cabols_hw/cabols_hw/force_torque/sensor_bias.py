@@ -7,7 +7,6 @@ that was shown to be one is on the disk, with the sensor's serial number and the
 from __future__ import annotations
 
 import json
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray, finite_array
+from cabols_control.durable_file import write_durably
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.state_folder import state_folder
 
@@ -74,14 +74,9 @@ def save_bias(path: Path, bias: SensorBias) -> None:
         "volts": bias.volts.tolist(),
         "tare_weight": bias.tare_weight.tolist(),
     }
-    draft = path.with_name(path.name + ".new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with draft.open("w", encoding="utf-8") as stream:
-            json.dump(content, stream)
-            stream.flush()
-            os.fsync(stream.fileno())
-        draft.replace(path)
+        write_durably(path, json.dumps(content))
     except OSError as error:
         raise CabolsError(f"{path}: the sensor's bias cannot be written ({error})") from error
 

@@ -13,9 +13,9 @@ import fcntl
 import io
 import os
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from pathlib import Path
 
+from cabols_control.durable_file import sync_folder, write_durably
 from cabols_control.naming import load_name, number
 from cabols_control.output_folder import MARKER
 from cabols_control.rig_folder import RigFolder
@@ -52,7 +52,7 @@ class Table:
         self._stream = path.open("a+b")
         if fresh:
             self.append(header)
-            _sync_folder(path.parent)
+            sync_folder(path.parent)
         self._drop_cut_line()
         found = [present_name(name) for name in next(iter(self._rows()), [])]
         if list(found) != list(header):
@@ -150,10 +150,10 @@ class Journal:
         own = self.folder / PLAN
         if not own.exists():
             plan = load_plan(campaign, rig)
-            _write_durably(own, plan_text(campaign, rig))
+            write_durably(own, plan_text(campaign, rig))
             if plan.rig.urdf:
                 robot = Path(plan.rig.urdf)
-                _write_durably(self.folder / robot.name, robot.read_text(encoding="utf-8"))
+                write_durably(self.folder / robot.name, robot.read_text(encoding="utf-8"))
             return load_plan(own)
         if campaign and plan_text(campaign, rig) != own.read_text(encoding="utf-8"):
             raise CampaignError(
@@ -300,24 +300,3 @@ def read_log(folder: str | Path) -> list[dict[str, str]]:
     lines = _cells(path, path.read_bytes())
     header = [present_name(name) for name in lines[0]] if lines else []
     return [dict(zip(header, cells, strict=False)) for cells in lines[1:]]
-
-
-def _write_durably(path: Path, text: str) -> None:
-    """Write a file atomically: it is complete or absent."""
-    draft = path.with_name(path.name + ".new")
-    with draft.open("w", encoding="utf-8") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.rename(path)
-    _sync_folder(path.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Put a folder's entries on the disk, where the file system supports it."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+from typing import Any
 
 from cabols_control.serial_arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations
@@ -13,8 +13,8 @@ from cabols_sim.devices.abb.rws_server import RwsServer
 from cabols_sim.devices.abb.watch_server import WatchServer
 from cabols_sim.devices.link import DeviceLink
 from cabols_sim.devices.robot.kinematics import Arm
+from cabols_sim.devices.truth_thread import TruthThread
 
-WAIT_S = 0.1
 USER, PASSWORD = "Default User", "robotics"
 """ABB's own defaults."""
 
@@ -63,7 +63,6 @@ class AbbController:
         Raises:
             RwsServerError: if the port is taken.
         """
-        self._link = link
         self.program = RapidProgram(link, len(configurations))
         tool = Arm(
             tool_position=configurations.tool_position,
@@ -75,8 +74,7 @@ class AbbController:
         self.watch: WatchServer | None = None
         if watch_port is not None:
             self.watch = WatchServer(self.program, watch_port, silence_s)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="abb", daemon=True)
+        self._thread = TruthThread(link, self._step, "abb")
 
     def start(self) -> None:
         """Begin to serve."""
@@ -87,20 +85,12 @@ class AbbController:
 
     def stop(self) -> None:
         """End, within a second."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(timeout=1.0)
+        self._thread.stop()
         if self.watch is not None:
             self.watch.stop()
         self.rws.stop()
         self.egm.close()
 
-    def _run(self) -> None:
-        sequence = 0
-        while not self._stop.is_set():
-            truth = self._link.wait(sequence, WAIT_S)
-            if truth is None:
-                continue
-            sequence = int(truth["sequence"])
-            self.program.step(truth)
-            self.egm.on_truth(truth)
+    def _step(self, truth: Any) -> None:
+        self.program.step(truth)
+        self.egm.on_truth(truth)

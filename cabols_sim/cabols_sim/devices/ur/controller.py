@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import numpy as np
@@ -13,10 +12,10 @@ from cabols_hw.abb.configurations import RobotConfigurations
 from cabols_hw.ur.handshake import INPUTS, PLAYING
 from cabols_sim.devices.link import DeviceLink
 from cabols_sim.devices.robot.kinematics import Arm
+from cabols_sim.devices.truth_thread import TruthThread
 from cabols_sim.devices.ur.program import UrProgram
 from cabols_sim.devices.ur.rtde_server import RtdeServer
 
-WAIT_S = 0.1
 NORMAL_SAFETY = 1
 ON_AND_PLAYING = 0b11
 """Bits of robot_status_bits: power is on, a program runs."""
@@ -48,7 +47,6 @@ class UrController:
         Raises:
             RtdeServerError: if the port is taken.
         """
-        self._link = link
         self.program = UrProgram(link, len(configurations))
         arm = Arm(
             tool_position=configurations.tool_position,
@@ -58,8 +56,7 @@ class UrController:
         self._arm = arm.at_its_base()
         self._values: dict[str, Any] = {}
         self.rtde = RtdeServer(self._value, self._take, rtde_port)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="ur", daemon=True)
+        self._thread = TruthThread(link, self._step, "ur")
 
     def start(self) -> None:
         """Begin to serve."""
@@ -68,21 +65,13 @@ class UrController:
 
     def stop(self) -> None:
         """End, within a second."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join(timeout=1.0)
+        self._thread.stop()
         self.rtde.stop()
 
-    def _run(self) -> None:
-        sequence = 0
-        while not self._stop.is_set():
-            truth = self._link.wait(sequence, WAIT_S)
-            if truth is None:
-                continue
-            sequence = int(truth["sequence"])
-            self.program.step(truth)
-            self._values = self._fields(truth)
-            self.rtde.on_truth()
+    def _step(self, truth: Any) -> None:
+        self.program.step(truth)
+        self._values = self._fields(truth)
+        self.rtde.on_truth()
 
     def _fields(self, truth: Any) -> dict[str, Any]:
         """Output fields that are not zero."""
