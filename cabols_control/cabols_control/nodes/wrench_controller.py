@@ -86,7 +86,7 @@ class WrenchControllerNode(ControlNode):
         self._limbs = np.arange(geometry.cables, dtype=np.uint8).tobytes()
         self._pose_count = 0
         self._pose_seen_ns = 0
-        self._base_frame = geometry.base_frame
+        self._desired_frame = geometry.base_frame
         self._refused: Fault | None = None
         self._pose_bytes = b""
         self._newest_pose: tuple[FloatArray, FloatArray] | None = None
@@ -158,11 +158,14 @@ class WrenchControllerNode(ControlNode):
 
     def _tell(self, measured: FloatArray) -> None:
         """Tell the wrenches in the frame of the desired one; (6,) measured, base axes."""
-        wanted = self._desired
-        frame = None if wanted is None else wanted.frame
-        name = self._base_frame if frame is None else self._wrench_setpoint.frame_name
-        stamp_ns = self._wrench.stamp_ns
-        self._told.tell(stamp_ns, name, frame, self._controller.desired, measured)
+        controller = self._controller
+        self._told.tell(
+            self._wrench.stamp_ns,
+            self._desired_frame,
+            controller.pose,
+            controller.desired,
+            measured,
+        )
 
     def _report(self) -> None:
         controller = self._controller
@@ -229,6 +232,7 @@ class WrenchControllerNode(ControlNode):
             # Its age, too, counts from arrival: a programme may run on another machine.
             stamp_s, frame = 1e-9 * self._wrench.stamp_ns, self._wrench_setpoint.frame
             self._desired = DesiredWrench(stamp_s, values, frame)
+            self._desired_frame = self._wrench_setpoint.frame_name
 
     def _take_tension(self) -> None:
         """Accept finite desired tensions of all limbs; keep the last ones otherwise."""

@@ -11,7 +11,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import ControlNode
-from cabols_control.wrench_frames import WrenchFrames, wrench_from_base
+from cabols_control.wrench_frames import WrenchFrames, place_frame, wrench_from_base
 
 FRAME_AT, TEXT_AT = 12, 16
 """Where length and text of a message's frame_id are, after the CDR header and the stamp [bytes]."""
@@ -88,26 +88,36 @@ class FrameWrenchOutput:
         self._records: dict[str, Record] = {
             name: topics.frame_wrench_layout(name).record() for name in frames.names
         }
+        # The base's wrenches are about the platform's origin already.
+        self._frames = {name: frames.record(name) for name in frames.names[1:]}
         self._output = node.advertise("frame_wrench")
         self._count = 0
         self._desired, self._measured = np.zeros(6), np.zeros(6)
 
     def tell(
-        self, stamp_ns: int, name: str, frame: Any, desired: FloatArray, measured: FloatArray
+        self,
+        stamp_ns: int,
+        name: str,
+        pose: tuple[FloatArray, FloatArray],
+        desired: FloatArray,
+        measured: FloatArray,
     ) -> None:
         """Tell a sample's wrenches, at every tenth call.
 
         Args:
             stamp_ns: of the sample.
             name: of the frame.
-            frame: (1,) record of WRENCH_FRAME, placed; None for the rig's base frame.
+            pose: (3,) position [m] and (3, 3) rotation of the platform at the sample, base frame.
             desired: (6,) about the platform's origin, base axes [N, N m].
             measured: (6,) likewise.
         """
         self._count += 1
         if self._count % TOLD_EVERY:
             return
+        frame = self._frames.get(name)
         if frame is not None:
+            # In each mode: the control law places the frames of what it follows alone.
+            place_frame(frame, *pose)
             wrench_from_base(frame, desired, self._desired)
             wrench_from_base(frame, measured, self._measured)
             desired, measured = self._desired, self._measured

@@ -125,6 +125,11 @@ class WrenchController:
         """(6,) wrench of tension minus control [N, N m]; a view."""
         return self._law.residual
 
+    @property
+    def pose(self) -> tuple[FloatArray, FloatArray]:
+        """Platform's position (3,) [m] and rotation (3, 3) at the newest sample; views."""
+        return self._position, self._rotation
+
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
         """Take the platform's pose, (3,) [m] and (3, 3), base frame; costs one decomposition.
 
