@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import warnings
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from itertools import takewhile
 from pathlib import Path
@@ -73,13 +73,18 @@ def filled(message: Any, rng: np.random.Generator, length: int = 8) -> Any:
     return message
 
 
-def live_messages() -> list[bytes]:
-    """A message of each fast topic; its topic's number before it."""
-    rng = np.random.default_rng(7)
+def messages_of(names: Sequence[str], seed: int) -> list[bytes]:
+    """A good message of each topic; its topic's number among the names before it."""
+    rng = np.random.default_rng(seed)
     return [
         bytes([k]) + bytes(serialize_message(filled(topics.TYPES[topic](), rng)))
-        for k, topic in enumerate(LIVE)
+        for k, topic in enumerate(names)
     ]
+
+
+def live_messages() -> list[bytes]:
+    """A message of each fast topic."""
+    return messages_of(LIVE, 7)
 
 
 def open_live_cdr() -> Callable[[bytes], bool]:
@@ -111,12 +116,8 @@ def open_live_cdr() -> Callable[[bytes], bool]:
 
 
 def bagged_messages() -> list[bytes]:
-    """A message of some topics as a bag holds it; its topic's number before it."""
-    rng = np.random.default_rng(9)
-    return [
-        bytes([k]) + bytes(serialize_message(filled(topics.TYPES[topic](), rng)))
-        for k, topic in enumerate(BAGGED)
-    ]
+    """A message of some topics as a bag holds it."""
+    return messages_of(BAGGED, 9)
 
 
 def open_bag_cdr() -> Callable[[bytes], bool]:

@@ -252,18 +252,10 @@ class Graph:
 
 
 def sent_messages() -> list[bytes]:
-    """A good message of each topic; the topic's number before it."""
-    import numpy as np
-    from binary_targets import filled
-    from rclpy.serialization import serialize_message
+    """A good message of each topic."""
+    from binary_targets import messages_of
 
-    from cabols_control.ros import topics
-
-    rng = np.random.default_rng(11)
-    return [
-        bytes([k]) + bytes(serialize_message(filled(topics.TYPES[topic](), rng)))
-        for k, topic in enumerate(SENT)
-    ]
+    return messages_of(SENT, 11)
 
 
 def open_dds() -> Callable[[bytes], bool]:

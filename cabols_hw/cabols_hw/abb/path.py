@@ -11,6 +11,7 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
 from cabols_control.naming import number
+from cabols_control.plain_numbers import plain_number
 from cabols_hw.abb.configurations import RobotConfigurations
 
 COLUMNS = tuple(f"joint_{number(i)}" for i in range(6))
@@ -74,7 +75,7 @@ def read_path(path: Path) -> FloatArray:
     points = np.full((len(rows) - 1, 6), np.nan)
     for line, row in enumerate(rows[1:], start=2):
         try:
-            points[line - 2] = [float(cell) for cell in row]
+            points[line - 2] = [plain_number(cell) for cell in row]
         except ValueError as error:
             raise ConfigError(f"{path}, row {line}: expected 6 numbers, got {row}") from error
         if not np.abs(points[line - 2]).max() <= MOST_DEG:
