@@ -44,19 +44,38 @@ def starts(spec, folder):
     return (folder / "lib" / "toys" / f"{spec.executable}.count").read_text().count("x")
 
 
+LASTS = 'while [ $(wc -l < "{file}") -lt {lines} ]; do sleep 0.05; done; exit 5'
+"""A node that ends once a file has so many lines: the run has gone on until then."""
+ENOUGH_S = 100.0
+
+
 def test_node_that_may_restart_ends_nothing(node, tmp_path, monkeypatch):
     monkeypatch.setattr(processes, "RESTART_S", 0.01)
     page = replace(node("page", COUNTED.format(crashes=2)), restarts=True)
-    ended = run([page, node("other", "exec sleep 600")], on_line=print, limit_s=1.0)
-    assert ended.overdue
+    counts = tmp_path / "lib" / "toys" / "page.count"
+    counts.touch()
+    other = node("other", LASTS.format(file=counts, lines=3))
+    ended = run([page, other], on_line=print, limit_s=ENOUGH_S)
+    assert not ended.overdue
+    assert (ended.first, ended.code) == ("other", 5)
     assert starts(page, tmp_path) == 3
 
 
 def test_node_that_ends_again_and_again_is_given_up(node, tmp_path, monkeypatch):
     monkeypatch.setattr(processes, "RESTART_S", 0.01)
     page = replace(node("page", COUNTED.format(crashes=1000)), restarts=True)
-    ended = run([page, node("other", "exec sleep 600")], on_line=print, limit_s=1.0)
-    assert ended.overdue
+    told = tmp_path / "told"
+    told.touch()
+
+    def tell(name, text):
+        with told.open("a") as stream:
+            stream.write(f"{name}: {text}\n")
+
+    # A line for each new start, and one that there is none any more.
+    other = node("other", LASTS.format(file=told, lines=processes.RESTARTS + 1))
+    ended = run([page, other], on_line=tell, limit_s=ENOUGH_S)
+    assert not ended.overdue
+    assert (ended.first, ended.code) == ("other", 5)
     assert starts(page, tmp_path) == 1 + processes.RESTARTS
 
 
