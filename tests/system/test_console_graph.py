@@ -249,6 +249,8 @@ def test_nobody_at_the_rig(tmp_path):
             panel.wait_text("#alarm", "DID NOT REACH THE RIG")
             began = abandoned(watcher, since)
             assert began - killed - stalls.total_s <= TIMEOUT_S + 1.5
+            # Started again at low priority: a page that still starts has no end of its own.
+            watcher.wait(lambda: answers(port), "the page again", 60.0)
 
     with Stalls() as stalls:
         ended, _, watcher = run_scenario(values, scenario, WATCHED, keep_going=True)

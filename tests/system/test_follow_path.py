@@ -11,7 +11,7 @@ from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import load_configurations
 from graph_harness import Watcher, run_scenario
 
-pytestmark = [pytest.mark.ros, pytest.mark.realtime]
+pytestmark = pytest.mark.ros
 
 FORCE_N = 40.0
 SPEED = 0.03

@@ -27,7 +27,7 @@ def gone(pid):
     """Whether a process has ended; its launcher may not have collected it yet."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return True
 
 

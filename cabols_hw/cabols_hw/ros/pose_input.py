@@ -62,6 +62,6 @@ class PoseInput(Input):
             position: (3,) of the platform's origin, base frame [m].
             rotation: (3, 3) from platform to base axes.
         """
-        if self._guard.safety.hear_pose(now_s, position, rotation):
+        if self._guard.safety.hear_pose(now_s, position, rotation, stamp_s):
             self._bridge.hear_pose(stamp_s, position, rotation)
             self.used = True

@@ -344,15 +344,22 @@ class SafetyEnvelope:
             i,
         )
 
-    def hear_pose(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
+    def hear_pose(
+        self,
+        now_s: float,
+        position: FloatArray,
+        rotation: FloatArray,
+        stamp_s: float | None = None,
+    ) -> bool:
         """Take a platform pose, to be judged with the next sample; see PoseWatch.hear.
 
         Args:
             now_s: when it arrived, on the card's clock [s].
             position: (3,) of the platform's origin, base frame [m].
             rotation: (3, 3) from platform to base axes.
+            stamp_s: of which moment it is, on that clock; None: now_s [s].
         """
-        return self._pose.hear(now_s, position, rotation)
+        return self._pose.hear(now_s, position, rotation, stamp_s)
 
     def allow_path(self, now_s: float, speed: float, turning: float) -> None:
         """Allow an announced path's speeds under load for a while; see PoseWatch.allow_path.

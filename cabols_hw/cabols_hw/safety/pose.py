@@ -18,6 +18,8 @@ STANDING = (*LOADED, OperatingMode.PRETIGHTENING)
 there before all zeros are known with which pose and sensor can be compared."""
 SPEED_WINDOW_S = 0.02
 """Shortest time over which a speed is averaged [s]: poses come every 4 ms, unevenly."""
+LONGEST_WINDOW_S = 0.06
+"""Time of arrivals after which a speed is taken by them, whatever the stamps say [s]."""
 PATH_HELD_S = 0.4
 """How long an announced path's speeds are allowed: its sender repeats it, and a robot that is
 stopped needs some time to brake [s]."""
@@ -54,7 +56,7 @@ class PoseWatch:
         self._range = np.array(config.position_range)
         self._newest_s = np.nan
         self._place: tuple[FloatArray, FloatArray] | None = None
-        self._window: tuple[float, FloatArray, FloatArray] | None = None
+        self._window: tuple[float, float, FloatArray, FloatArray] | None = None
         self._speed = self._turning = 0.0
         self._fault: BridgeFault | None = None
         self._resting = True
@@ -85,13 +87,21 @@ class PoseWatch:
             return allowed
         return max(allowed[0], self._path.speed), max(allowed[1], self._path.turning)
 
-    def hear(self, now_s: float, position: FloatArray, rotation: FloatArray) -> bool:
+    def hear(
+        self,
+        now_s: float,
+        position: FloatArray,
+        rotation: FloatArray,
+        stamp_s: float | None = None,
+    ) -> bool:
         """Take a platform pose that arrived after the sample at now_s; judged with the next sample.
 
         Args:
             now_s: on the card's clock, whatever clock the robot has [s].
             position: (3,) base frame [m].
             rotation: (3, 3) platform to base.
+            stamp_s: moment of the pose on the card's clock, for its speed alone: poses that a busy
+                computer delivers late come in haste afterwards; None: now_s [s].
 
         Returns:
             Whether it may be used: a pose beyond the limits would make the tension estimates wrong
@@ -107,7 +117,7 @@ class PoseWatch:
         self.anew = self.anew or jump is not None
         self._resting = False
         self._place = np.array(position), np.array(rotation)
-        self._measure_speed(now_s, *self._place)
+        self._measure_speed(now_s, now_s if stamp_s is None else stamp_s, *self._place)
         return True
 
     def rest(self) -> None:
@@ -183,15 +193,22 @@ class PoseWatch:
             )
         return None
 
-    def _measure_speed(self, now_s: float, position: FloatArray, rotation: FloatArray) -> None:
+    def _measure_speed(
+        self, now_s: float, stamp_s: float, position: FloatArray, rotation: FloatArray
+    ) -> None:
+        window = (now_s, stamp_s, position, rotation)
         if self._window is None:
-            self._window = (now_s, position, rotation)
+            self._window = window
             return
-        began_s, where, turned = self._window
-        if now_s - began_s >= SPEED_WINDOW_S:
-            self._speed = float(np.linalg.norm(position - where)) / (now_s - began_s)
-            self._turning = _angle_between(turned, rotation) / (now_s - began_s)
-            self._window = (now_s, position, rotation)
+        arrived_s, began_s, where, turned = self._window
+        elapsed_s = stamp_s - began_s
+        # Stamps that stand still or run back hide no speed: then the arrivals count.
+        if not elapsed_s >= SPEED_WINDOW_S and now_s - arrived_s >= LONGEST_WINDOW_S:
+            elapsed_s = now_s - arrived_s
+        if elapsed_s >= SPEED_WINDOW_S:
+            self._speed = float(np.linalg.norm(position - where)) / elapsed_s
+            self._turning = _angle_between(turned, rotation) / elapsed_s
+            self._window = window
 
 
 def _angle_between(one: FloatArray, other: FloatArray) -> float:

@@ -219,6 +219,6 @@ class LockstepRig:
             if changed is None:
                 return
             position, rotation = changed
-        if self.guard.safety.hear_pose(self.now_s, position, rotation):
+        if self.guard.safety.hear_pose(self.now_s, position, rotation, stamp_s):
             self.bridge.hear_pose(stamp_s, position, rotation)
         self.wrenches.hear_pose(stamp_s, position, rotation)
