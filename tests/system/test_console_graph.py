@@ -250,7 +250,7 @@ def test_nobody_at_the_rig(tmp_path):
             began = abandoned(watcher, since)
             assert began - killed - stalls.total_s <= TIMEOUT_S + 1.5
             # Started again at low priority: a page that still starts has no end of its own.
-            watcher.wait(lambda: answers(port), "the page again", 60.0)
+            watcher.wait(lambda: answers(port), "the page again", 150.0)
 
     with Stalls() as stalls:
         ended, _, watcher = run_scenario(values, scenario, WATCHED, keep_going=True)
