@@ -161,6 +161,10 @@ bench-restart: setup  ## start the bridge again under loads that the gears hold:
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_restart.py $(ARGS)
 
+life-cycle: setup  ## start and end the rig 200 times, at any moment, in every way (goes on; ARGS=--short)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/life_cycle.py $(ARGS)
+
 stop-trials: setup  ## press the stop 1000 times, also beside a supervisor's restart (goes on where it was)
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/stop_trials.py $(ARGS)

@@ -7,6 +7,7 @@ misspelt parameter or one of another node's ends it with exit code 2 and a sugge
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -14,7 +15,8 @@ from typing import Any
 
 import yaml
 
-from cabols_control.command_line import CommandParser, did_you_mean, unknown_options
+from cabols_control import end_signals
+from cabols_control.command_line import DONE, CommandParser, did_you_mean, unknown_options
 from cabols_control.declared_parameters import (
     DeclaredParameter,
     declared_parameters,
@@ -24,9 +26,11 @@ from cabols_control.declared_parameters import (
 ROS_ARGS, END = "--ros-args", "--"
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 """Parameters that rclpy declares itself."""
+ROS_FIRST = "cabols_control.ros.transport"
+"""Imports rclpy, whose wheels restart Python once to find their libraries."""
 RULE, FILE, OUTPUT = ":=", "_file", "output"
 EPILOG = """Parameters are set by --ros-args -p NAME:=VALUE or --params-file FILE; indices from 0.
-Exit code: 0 ended by Ctrl-C or SIGTERM, 1 the node failed, 2 a wrong command line or file."""
+Exit code: 0 ended by INT, TERM or HUP, 1 the node failed, 2 a wrong command line or file."""
 
 
 def node(name: str, module: str) -> Callable[[], int]:
@@ -38,7 +42,12 @@ def node(name: str, module: str) -> Callable[[], int]:
     """
 
     def entry() -> int:
+        # Python may be restarted for rclpy (ROS_FIRST): they wait until that is over. Then they end
+        # the process at once, as nothing is open yet, until the node takes them over.
+        end_signals.hold()
         check_node_arguments(name, module, sys.argv[1:])
+        importlib.import_module(ROS_FIRST)
+        end_signals.handle(lambda *_: os._exit(DONE))
         return int(importlib.import_module(module).main())
 
     return entry

@@ -1,4 +1,4 @@
-"""Launch the simulated bench: the same table of nodes that `make demo` starts.
+"""Launch the simulated bench: the same table of nodes and the same time-outs as `make demo`.
 
 ros2 launch cabols_sim bench.launch.py program:=steps auto_start:=true output:=bags/my_run
 """
@@ -6,13 +6,14 @@ ros2 launch cabols_sim bench.launch.py program:=steps auto_start:=true output:=b
 from launch.actions import OpaqueFunction
 
 from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
+from cabols_sim.bench.run import forgiving, launched
 from cabols_sim.bringup_nodes import bench_graph
 from launch import Action, LaunchContext, LaunchDescription
 
 
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
-    values = argument_values(context, "bench")
+    values = launched(argument_values(context, "bench"))
     graph = bench_graph(
         values["lockstep"],
         values["record"],
@@ -25,4 +26,4 @@ def start(context: LaunchContext) -> list[Action]:
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments and start the graph."""
-    return LaunchDescription([*arguments("bench"), OpaqueFunction(function=start)])
+    return LaunchDescription([*arguments("bench", forgiving()), OpaqueFunction(function=start)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
@@ -22,8 +22,14 @@ RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 RANGES = ["LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT"]
 
 
-def arguments(kind: str) -> list[Any]:
-    """Declare the launch arguments of one kind of graph, "bench" or "rig"."""
+def arguments(kind: str, defaults: Mapping[str, Any] | None = None) -> list[Any]:
+    """Declare the launch arguments of one kind of graph.
+
+    Args:
+        kind: "bench" or "rig".
+        defaults: of this launch file, by name, in the place of the nodes' own.
+    """
+    own = defaults or {}
     discovery = DeclareLaunchArgument(
         DISCOVERY,
         default_value=os.environ.get(RANGE, "") or "LOCALHOST",
@@ -34,7 +40,9 @@ def arguments(kind: str) -> list[Any]:
     return [
         discovery,
         *(
-            DeclareLaunchArgument(a.name, default_value=str(a.default), description=a.text)
+            DeclareLaunchArgument(
+                a.name, default_value=str(own.get(a.name, a.default)), description=a.text
+            )
             for a in all_arguments()
             if kind in a.kinds
         ),

@@ -2,7 +2,8 @@
 
 Starts the nodes in order, prefixes their output, ends all when one ends, in reverse order: SIGINT,
 after a grace SIGTERM, then SIGKILL. Nodes under load unload before they obey. One that may restart
-ends nothing. If this process is killed itself, the kernel sends its children SIGTERM.
+ends nothing. If this process is killed itself, the kernel sends its children SIGTERM. SIGINT,
+SIGTERM and SIGHUP start the end, during the start as well; later ones do not disturb it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cabols_control import end_signals
 from cabols_control.bringup.specs import LAUNCHER, NodeSpec
 from cabols_control.command_line import USAGE
 from cabols_control.errors import CabolsError
@@ -118,8 +120,10 @@ def _print_line(name: str, line: str) -> None:
     print(f"[{name}] {line}", flush=True)
 
 
-def _prepare_child(niceness: int) -> None:
+def _prepare_child(niceness: int, hold: bool) -> None:
     os.nice(niceness)
+    if hold:
+        end_signals.hold()
     # Not SIGKILL: a loaded rig unloads first.
     _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     # A Ctrl-C of the terminal reaches only this process, which ends the nodes in order.
@@ -142,9 +146,11 @@ async def _run(
         for spec in nodes:
             (log_folder / f"{spec.executable}.log").unlink(missing_ok=True)
     commands = [(spec.executable, command_line(spec)) for spec in nodes]
+    # What has a part in the graph handles them as soon as it can end in order.
+    holding = {spec.executable for spec in nodes if spec.role is not None}
     interrupted = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in end_signals.END_SIGNALS:
         loop.add_signal_handler(number, interrupted.set)
     processes: dict[str, asyncio.subprocess.Process] = {}
     pumps = []
@@ -159,7 +165,7 @@ async def _run(
             stderr=asyncio.subprocess.STDOUT,
             stdin=asyncio.subprocess.DEVNULL,
             env={**os.environ, LAUNCHER: str(os.getpid()), **environment},
-            preexec_fn=partial(_prepare_child, niceness),
+            preexec_fn=partial(_prepare_child, niceness, name in holding),
         )
         processes[name], pids[name] = process, process.pid
         pumps.append(asyncio.create_task(_pump(name, process, on_line, log_folder)))
@@ -187,14 +193,16 @@ async def _run(
 
     try:
         for name, command in commands:
+            if interrupted.is_set():
+                break
             await start(name, command)
         if respawn_s is not None:
-            keepers = [asyncio.create_task(keep(*item)) for item in commands]
+            keepers = [asyncio.create_task(keep(*item)) for item in commands if item[0] in pids]
         else:
             keepers = [
                 asyncio.create_task(keep_expendable(*item), name=item[0])
                 for item in commands
-                if item[0] in expendable
+                if item[0] in expendable and item[0] in pids
             ]
         if on_start is not None:
             on_start(pids)
@@ -213,7 +221,7 @@ async def _run(
         for name in reversed(processes):
             await _end(processes[name], grace_s)
         await asyncio.gather(*pumps)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in end_signals.END_SIGNALS:
             loop.remove_signal_handler(number)
     codes = {name: process.returncode or 0 for name, process in processes.items()}
     return Ended(first, code, codes, overdue)
@@ -267,7 +275,9 @@ async def _pump(
             text = line.decode(errors="replace").rstrip()
             if log is not None:
                 log.write(text + "\n")
-            on_line(name, text)
+            # A closed terminal takes no lines; the nodes must not wait for it.
+            with suppress(OSError):
+                on_line(name, text)
     finally:
         if log is not None:
             log.close()

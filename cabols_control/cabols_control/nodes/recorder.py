@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import sys
+import time
 from contextlib import suppress
 from datetime import datetime, timezone
 from hashlib import sha256
@@ -33,6 +35,8 @@ IDLE_REPORT_S = 1.0
 SPACE_S = 1.0
 """Between two looks at the free space [s]."""
 JOIN_S = 0.1
+LAST_S = 0.3
+"""Time from the last mode that moves anything in which the last currents, zero, come [s]."""
 
 
 class RecorderNode(ControlNode):
@@ -65,6 +69,7 @@ class RecorderNode(ControlNode):
         self.create_service(SetBool, "record", self._obey)
         self.create_timer(IDLE_REPORT_S, self._report_idle)
         self._mode: int = Mode.STOPPED
+        self._moved_s = -math.inf
         if not self.lockstep:
             # In lockstep the clock counts the readers of each topic.
             self.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode"))
@@ -84,6 +89,8 @@ class RecorderNode(ControlNode):
 
     def _hear_mode(self, message: Mode) -> None:
         self._mode = message.mode
+        if message.mode in MOVING:
+            self._moved_s = time.monotonic()
 
     def end_asked(self) -> None:
         """Ask for unloading, which is recorded, too."""
@@ -91,8 +98,10 @@ class RecorderNode(ControlNode):
             self.announce_end()
 
     def may_end(self) -> bool:
-        """Not while something moves that is being recorded."""
-        return self.lockstep or self._recording is None or self._mode not in MOVING
+        """Not while something moves that is being recorded, nor before its last currents."""
+        if self.lockstep or self._recording is None:
+            return True
+        return self._mode not in MOVING and time.monotonic() - self._moved_s > LAST_S
 
     def _watch_space(self) -> None:
         """Tell the supervisor before the disk is full; complete the bag once the rig rests."""

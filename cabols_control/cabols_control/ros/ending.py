@@ -3,57 +3,59 @@
 from __future__ import annotations
 
 import os
-import signal
 import time
-from collections.abc import Callable
+from contextlib import suppress
 from types import FrameType
 
+from cabols_control import end_signals
 from cabols_control.bringup.specs import LAUNCHER
 
 END_LIMIT_S = 5.0
 """Longest time that a load may keep a process from ending [s]."""
 
 
-class EndRequest:
-    """Notes SIGINT, SIGTERM and a dead launcher; none of them ends the process by itself.
+class EndedEarly(Exception):  # noqa: N818 - nothing is wrong
+    """The process was asked to end while it still started."""
 
-    A launcher that starts nodes as its own children names itself in the environment: its death is
-    seen by the parent that a child then gets.
+
+class EndRequest:
+    """Notes SIGINT, SIGTERM, SIGHUP and a dead launcher; none of them ends the process by itself.
+
+    A launcher names itself in the environment. Where it is the parent, its death is seen by the
+    parent that a child then gets; otherwise it has died before this process looked, or there is a
+    program between the two, and its process id is watched.
     """
 
-    def __init__(self, early: Callable[[], object]) -> None:
-        """Take over the signals.
-
-        Args:
-            early: called by a signal that comes before ready().
-        """
-        self._early = early
-        self._ready = False
+    def __init__(self) -> None:
+        """Take over the signals, those that have waited among them."""
         self._since_s: float | None = None
-        parent = os.getppid()
-        named = os.environ.get(LAUNCHER, "") == str(parent)
-        self._launcher = parent if named else 0
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._hear)
+        named = os.environ.get(LAUNCHER, "")
+        self._launcher = int(named) if named.isdecimal() else 0
+        self._is_parent = self._launcher == os.getppid()
+        end_signals.handle(self._hear)
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
         del number, frame
         self._note()
-        if not self._ready:
-            self._early()
 
     def _note(self) -> None:
         if self._since_s is None:
             self._since_s = time.monotonic()
 
-    def ready(self) -> None:
-        """From now on the caller looks at `asked`."""
-        self._ready = True
+    def _launcher_lives(self) -> bool:
+        if self._is_parent:
+            return os.getppid() == self._launcher
+        with suppress(PermissionError):
+            try:
+                os.kill(self._launcher, 0)
+            except ProcessLookupError:
+                return False
+        return True
 
     @property
     def asked(self) -> bool:
         """Whether the process is to end."""
-        if self._launcher and os.getppid() != self._launcher:
+        if self._launcher and not self._launcher_lives():
             self._note()
         return self._since_s is not None
 
@@ -61,3 +63,24 @@ class EndRequest:
     def overdue(self) -> bool:
         """Whether a load may keep it no longer."""
         return self._since_s is not None and time.monotonic() - self._since_s > END_LIMIT_S
+
+
+_REQUESTS: list[EndRequest] = []
+"""The process's one, once there is one."""
+
+
+def take_requests() -> EndRequest:
+    """Begin to note requests to end, or return what notes them already; main thread only."""
+    if not _REQUESTS:
+        _REQUESTS.append(EndRequest())
+    return _REQUESTS[0]
+
+
+def go_on() -> None:
+    """Pass a point of the start at which nothing is open yet.
+
+    Raises:
+        EndedEarly: if the process is asked to end.
+    """
+    if _REQUESTS and _REQUESTS[0].asked:
+        raise EndedEarly

@@ -14,6 +14,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from cabols_control import end_signals
 from cabols_control.command_line import USAGE, fail
 from cabols_control.errors import CabolsError
 from cabols_control.realtime.kernel_signatures import compiled_since, specialisations
@@ -24,7 +25,7 @@ from cabols_control.realtime.scheduling import (
     give_back,
 )
 from cabols_control.ros import topics, transport
-from cabols_control.ros.ending import EndRequest
+from cabols_control.ros.ending import EndedEarly, EndRequest, go_on, take_requests
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Output
 from cabols_control.ros.parameters import (
@@ -148,7 +149,9 @@ class ControlNode(Node):
 
         Raises:
             ConfigError: if a configuration file cannot be used.
+            EndedEarly: if the process is asked to end already.
         """
+        go_on()
         super().__init__(name, namespace=NAMESPACE)
         self.rig_folder = declare_rig_folder(self)
         self.rig = declare_rig(self, self.rig_folder)
@@ -177,6 +180,7 @@ class ControlNode(Node):
         self._compiled: dict[str, int] | None = None
         diagnostics = Diagnostics(self, self.status.snapshot, "cabols rig")
         self.status.on_change = lambda: hand_over(self, diagnostics.tell)
+        go_on()
 
     def advertise(self, topic: str) -> Output:
         """Return a publisher whose readers the control thread waits for."""
@@ -259,14 +263,15 @@ class ControlNode(Node):
 
 
 def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = None) -> int:
-    """Run one control node until SIGINT, SIGTERM, its launcher's death or its own failure.
+    """Run one control node until SIGINT, SIGTERM, SIGHUP, its launcher's death or its own failure.
 
-    A node of the control path goes on while there is a load, for at most END_LIMIT_S.
+    A node of the control path goes on while there is a load, for at most END_LIMIT_S. One that is
+    asked to end while it starts completes what it has opened, such as a bag, and ends with 0.
 
     Returns:
         Exit code: 0, or 1 after a failure, or 2 for a configuration that cannot be used.
     """
-    end = EndRequest(rclpy.try_shutdown)
+    end = take_requests()
     try:
         transport.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
@@ -274,21 +279,18 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     except (CabolsError, ParameterException, *ROS_ARGUMENT_ERRORS) as error:
         code = fail(str(error), USAGE)
         rclpy.try_shutdown()
+        end_signals.ignore()
         return code
-    except RCLError:
-        # A signal during the node's construction shuts its context down.
-        if rclpy.ok():
-            raise
-        return 0
-    if not node.context.ok():
+    except EndedEarly:
+        rclpy.try_shutdown()
+        end_signals.ignore()
         return 0
     executor = NodeExecutor()
     executor.add_node(node)
     try:
         node.begin()
-        end.ready()
         _spin(node, executor, end)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     except RCLError:
         # A signal may end the context while the executor is about to use it.
@@ -302,6 +304,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
         executor.remove_node(node)
         node.destroy_node()
         rclpy.try_shutdown()
+        end_signals.ignore()
     if failure is not None:
         print(f"error: {type(failure).__name__}: {failure}", file=sys.stderr)
         return 1

@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -118,7 +119,9 @@ class Recording:
             self.failure = error
             self._writer.abandon()
             return
-        print(self.summary(), flush=True)
+        with suppress(OSError):
+            # The terminal, or the launcher that read this, may be gone.
+            print(self.summary(), flush=True)
 
     def forget(self) -> None:
         """Unsubscribe, after close()."""

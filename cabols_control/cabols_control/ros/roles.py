@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.node import Node
 
 from cabols_control.errors import CabolsError
+from cabols_control.ros.ending import go_on
 from cabols_control.ros.loop import subscribe_aside
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.threads.node_executor import taken_or_none
@@ -70,12 +71,14 @@ class RoleCheck:
 
         Raises:
             RoleTakenError: if another node publishes on the topic.
+            EndedEarly: if the process is asked to end meanwhile.
         """
         node, handle = self._node, self._subscription.handle
         began_s = time.monotonic()
         until_s = max(self._until_s, began_s + LATE_S)
         try:
             while node.context.ok():
+                go_on()
                 taken = taken_or_none(handle, self._type)
                 if taken is not None and concerns(taken[0]):
                     raise RoleTakenError(

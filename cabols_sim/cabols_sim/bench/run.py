@@ -15,8 +15,10 @@ from cabols_control.bringup.processes import GRACE_S, Ended, run
 from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
 from cabols_control.realtime.scheduling import may_limit_wake_up, may_use_fifo
 from cabols_hw.abb.heartbeat import SILENCE_S
-from cabols_sim.bringup_nodes import Ports, bench_graph
+from cabols_sim.bringup_nodes import LOCKSTEP_WATCH_S, Ports, bench_graph
 
+LONGEST_S = 10.0
+"""Most that any of the time-outs below may be [s]."""
 SAFE_DOMAINS = (1, 101)
 """Domain ids whose ports do not reach into Linux' ephemeral range."""
 
@@ -72,10 +74,25 @@ def forgiving(speed: float = 1.0, stall_s: float = 0.1) -> dict[str, float]:
     return {
         "watchdog": stall_s,
         "command_timeout": stall_s,
-        # These two count on the computer's clock.
-        "stale_after": 2.0 * stall_s / speed,
-        "state_timeout": 5.0 * stall_s / speed,
-        "robot_watch": 5.0 * stall_s / speed,
+        # These three count on the computer's clock.
+        "stale_after": min(2.0 * stall_s / speed, LONGEST_S),
+        "state_timeout": min(5.0 * stall_s / speed, LONGEST_S),
+        "robot_watch": min(5.0 * stall_s / speed, LONGEST_S),
+    }
+
+
+def launched(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a launch of the bench: what was not given fits the rig's pace.
+
+    Args:
+        values: by name; what was not given is as forgiving() has it at full speed.
+    """
+    pace = forgiving(values["speed"])
+    if values["lockstep"]:
+        pace["robot_watch"] = LOCKSTEP_WATCH_S
+    return {
+        **values,
+        **{name: pace[name] for name, default in forgiving().items() if values[name] == default},
     }
 
 

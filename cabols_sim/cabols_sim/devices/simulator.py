@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
 
+from cabols_control import end_signals
 from cabols_control.command_line import CommandParser, command, existing_file, rig_option
 from cabols_control.errors import CabolsError
 from cabols_control.realtime.scheduling import Scheduling, apply_scheduling
@@ -128,8 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM."""
     options = _arguments(arguments)
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
+    end_signals.handle(lambda *_: ended.set())
     link = DeviceLink(options.link_port)
     try:
         controller = _controller(link, options)
@@ -151,6 +150,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tracker.stop()
     controller.stop()
     link.stop()
+    end_signals.ignore()
     return 0
 
 

@@ -1,0 +1,39 @@
+"""The signals that ask a process to end, from its first line on: none ends it half made.
+
+Until a process can end in order it holds them back: they wait, through exec as well, and are
+handled as soon as it is ready for them.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from types import FrameType
+
+END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Ctrl-C, a service manager's request, a terminal that was closed."""
+
+
+def hold() -> None:
+    """Let the signals wait."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
+
+
+def handle(hear: Callable[[int, FrameType | None], object]) -> None:
+    """Handle them from now on, those that have waited at once; main thread only.
+
+    A hang-up that the parent lets its children ignore, as `nohup` does, stays ignored.
+
+    Args:
+        hear: gets the signal's number and the frame that it interrupts.
+    """
+    for number in END_SIGNALS:
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, hear)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, END_SIGNALS)
+
+
+def ignore() -> None:
+    """Ignore them: the process has ended in order, and only the interpreter is left."""
+    for number in END_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)

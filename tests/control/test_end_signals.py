@@ -1,0 +1,66 @@
+"""Signals that come before a process can end in order wait until it can, through exec as well."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from cabols_control.end_signals import END_SIGNALS
+
+HOLDS = """
+import os, sys
+from cabols_control import end_signals
+end_signals.hold()
+print("held", flush=True)
+sys.stdin.readline()
+os.execv(sys.executable, [sys.executable, "-c", {then!r}])
+"""
+HANDLES = """
+from cabols_control import end_signals
+heard = []
+print("nothing heard" if not heard else heard, flush=True)
+end_signals.handle(lambda number, frame: heard.append(number))
+print("heard", heard, flush=True)
+end_signals.ignore()
+import os
+os.kill(os.getpid(), {number})
+"""
+HANGS_UP = """
+import os, signal
+signal.signal(signal.SIGHUP, signal.SIG_IGN)
+from cabols_control import end_signals
+heard = []
+end_signals.handle(lambda number, frame: heard.append(number))
+os.kill(os.getpid(), signal.SIGHUP)
+print("heard", heard)
+"""
+
+
+@pytest.mark.parametrize("number", END_SIGNALS)
+def test_a_signal_waits_until_it_is_handled(number):
+    then = HANDLES.format(number=int(number))
+    command = [sys.executable, "-c", HOLDS.format(then=then)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "held\n"
+        os.kill(process.pid, number)
+        os.kill(process.pid, number)
+        said, _ = process.communicate("go on\n", timeout=60.0)
+    assert said == f"nothing heard\nheard [{int(number)}]\n"
+    assert process.returncode == 0
+
+
+def test_a_hang_up_that_is_ignored_stays_ignored():
+    done = subprocess.run(
+        [sys.executable, "-c", HANGS_UP], capture_output=True, text=True, timeout=60.0, check=True
+    )
+    assert done.stdout == "heard []\n"
+
+
+def test_end_signals_are_those_of_terminals_and_service_managers():
+    assert set(END_SIGNALS) == {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}

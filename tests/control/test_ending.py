@@ -1,0 +1,64 @@
+"""A process notes when it is asked to end, and that its launcher has died, even before that."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from cabols_control.bringup.specs import LAUNCHER
+
+LOOKS = """
+import time
+from cabols_control.ros.ending import EndedEarly, go_on, take_requests
+end = take_requests()
+go_on()
+print("asked" if end.asked else "not asked", flush=True)
+input()
+give_up = time.monotonic() + 30.0
+while not end.asked and time.monotonic() < give_up:
+    time.sleep(0.01)
+try:
+    go_on()
+except EndedEarly:
+    print("ended early", flush=True)
+"""
+
+
+def start(launcher):
+    return subprocess.Popen(
+        [sys.executable, "-c", LOOKS],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, LAUNCHER: str(launcher)},
+    )
+
+
+@pytest.mark.parametrize("number", [1, 2, 15])
+def test_signal_during_the_start_is_noted_and_ends_it_at_the_next_point(number):
+    with start(os.getpid()) as process:
+        assert process.stdout.readline() == "not asked\n"
+        os.kill(process.pid, number)
+        said, _ = process.communicate("\n", timeout=60.0)
+    assert (said, process.returncode) == ("ended early\n", 0)
+
+
+def test_launcher_that_is_no_parent_is_watched_too():
+    with subprocess.Popen(["sleep", "600"]) as launcher, start(launcher.pid) as process:
+        assert process.stdout.readline() == "not asked\n"
+        launcher.kill()
+        launcher.wait()
+        said, _ = process.communicate("\n", timeout=60.0)
+    assert (said, process.returncode) == ("ended early\n", 0)
+
+
+def test_launcher_that_died_before_its_node_looked_is_seen():
+    with subprocess.Popen(["true"]) as launcher:
+        launcher.wait()
+    with start(launcher.pid) as process:
+        said, _ = process.communicate("\n", timeout=60.0)
+        # The first point of the start is passed no more.
+    assert "not asked" not in said
