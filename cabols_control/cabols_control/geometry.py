@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
@@ -12,6 +13,7 @@ from pydantic.dataclasses import dataclass as config_dataclass
 from cabols_control.cable_kernels import (
     MIN_CABLE_LENGTH_M,
     cable_lengths_unchecked,
+    cable_records,
     structure_matrix_unchecked,
 )
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
@@ -66,6 +68,10 @@ class RigGeometry:
         """Mean distance of the platform points from the platform's origin [m]."""
         return float(np.linalg.norm(self.platform_points, axis=1).mean())
 
+    def records(self) -> Any:
+        """(n,) records of CABLE, for the kernels; a new array, whose owner may write to it."""
+        return cable_records(self.base_points, self.platform_points)
+
     def __post_init__(self) -> None:
         """Check shapes, finiteness and that the points can carry a 6-DOF wrench."""
         set_field = object.__setattr__
@@ -88,14 +94,15 @@ class RigGeometry:
 
     def _check_not_degenerate(self) -> None:
         pose = (self.reference_position, self.reference_rotation)
-        lengths = cable_lengths_unchecked(self.base_points, self.platform_points, *pose)
+        cables = self.records()
+        lengths = cable_lengths_unchecked(cables, *pose)
         if not lengths.min() >= MIN_CABLE_LENGTH_M:
             shortest = cable_name(int(lengths.argmin()))
             raise DegenerateGeometryError(
                 f"{shortest}: expected at least {MIN_CABLE_LENGTH_M} m between "
                 f"its points at the reference pose, got {lengths.min():.3g} m"
             )
-        matrix = structure_matrix_unchecked(self.base_points, self.platform_points, *pose)
+        matrix = structure_matrix_unchecked(cables, *pose)
         matrix[3:] /= max(self.platform_radius, 1e-9)
         singular = np.linalg.svd(matrix, compute_uv=False)
         if not singular[-1] * MAX_CONDITION >= singular[0]:
@@ -162,12 +169,8 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
         raise DegenerateGeometryError(f"{source}: {error}") from error
     except (OutOfRangeError, ShapeError) as error:
         raise ConfigError(f"{source}: {error}") from error
-    check_geometry(
-        geometry.base_points,
-        geometry.platform_points,
-        geometry.reference_position,
-        geometry.reference_rotation,
-    ).settle(source)
+    pose = (geometry.reference_position, geometry.reference_rotation)
+    check_geometry(geometry.records(), *pose).settle(source)
     return geometry
 
 

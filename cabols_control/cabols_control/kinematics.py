@@ -35,8 +35,7 @@ def cable_lengths(geometry: RigGeometry, position: ArrayLike, rotation: ArrayLik
         ShapeError: if the pose has another shape, is not finite or is no rotation.
     """
     return cable_lengths_unchecked(
-        geometry.base_points,
-        geometry.platform_points,
+        geometry.records(),
         finite_array("position", position, (3,)),
         rotation_matrix("rotation", rotation),
     )
@@ -59,8 +58,8 @@ def structure_matrix(geometry: RigGeometry, position: ArrayLike, rotation: Array
             has no length there, so no direction.
     """
     place, turn = finite_array("position", position, (3,)), rotation_matrix("rotation", rotation)
-    points = (geometry.base_points, geometry.platform_points)
-    matrix = structure_matrix_unchecked(*points, place, turn)
+    cables = geometry.records()
+    matrix = structure_matrix_unchecked(cables, place, turn)
     if not np.isfinite(matrix).all():
-        refuse_short_cable(*points, place, turn)
+        refuse_short_cable(cables, place, turn)
     return matrix

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -61,21 +62,19 @@ class Findings:
             )
 
 
-def check_geometry(
-    base_points: FloatArray, platform_points: FloatArray, position: FloatArray, rotation: FloatArray
-) -> Findings:
+def check_geometry(cables: Any, position: FloatArray, rotation: FloatArray) -> Findings:
     """Look at attachment points and reference pose.
 
     Args:
-        base_points: (n, 3) in the base frame [m].
-        platform_points: (n, 3) in the platform frame [m].
+        cables: (n,) records of CABLE.
         position: (3,) of the platform at the reference pose, base frame [m].
         rotation: (3, 3) from platform to base axes.
     """
     found = Findings()
+    base_points, platform_points = cables["base"], cables["platform"]
     sides = np.ptp(base_points, axis=0)
     size, radius = float(sides.max()), float(np.linalg.norm(platform_points, axis=1).max())
-    lengths = cable_lengths_unchecked(base_points, platform_points, position, rotation)
+    lengths = cable_lengths_unchecked(cables, position, rotation)
     found.read = (
         f"frame {' x '.join(f'{side:.3g}' for side in sides)} m, platform radius {radius:.3g} m, "
         f"{lengths.size} cables of {lengths.min():.3g} to {lengths.max():.3g} m"

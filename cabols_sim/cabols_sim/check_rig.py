@@ -49,7 +49,7 @@ def check_rig(folder: RigFolder) -> list[str]:
     robot = RobotTarget(load_robot_truth(folder), configurations, load_arm(folder))
     pose = (geometry.reference_position, geometry.reference_rotation)
     found: list[Findings] = [
-        check_geometry(geometry.base_points, geometry.platform_points, *pose),
+        check_geometry(geometry.records(), *pose),
         check_limbs(
             rig.limbs.stiffness,
             rig.limbs.gain,

@@ -22,7 +22,7 @@ from record import write_figures
 from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
-from cabols_control.cable_kernels import structure_matrix_into
+from cabols_control.cable_kernels import cable_records, structure_matrix_into
 from cabols_control.tension import DEFAULT_WEIGHTS, RigTensionResolver, TensionResolver
 
 LOW, HIGH, N = 1.0, 150.0, 8
@@ -72,7 +72,7 @@ class Inputs:
 
     def matrix(self, position, rotation):
         A = np.empty((6, N))
-        structure_matrix_into(self.base, self.points, position, rotation, A)
+        structure_matrix_into(cable_records(self.base, self.points), position, rotation, A)
         return A
 
 

@@ -21,7 +21,7 @@ import pytest
 import quadprog
 from scipy.optimize import lsq_linear
 
-from cabols_control.cable_kernels import structure_matrix_into
+from cabols_control.cable_kernels import cable_records, structure_matrix_into
 from cabols_control.errors import CabolsError, ShapeError
 from cabols_control.tension import (
     DEFAULT_WEIGHTS,
@@ -489,7 +489,7 @@ def test_straight_pose_path_agrees_with_the_general_one():
         moving = RigTensionResolver(base, points, 1.0, 150.0)
         position = rng.uniform(-0.1, 0.1, 3)
         A = np.empty((6, 8))
-        structure_matrix_into(base, points, position, np.eye(3), A)
+        structure_matrix_into(cable_records(base, points), position, np.eye(3), A)
         wrench = A @ rng.uniform(1.0, 150.0, 8)
         found, expected = moving.solve(position, np.eye(3), wrench), distribute(A, wrench, 1, 150)
         assert found.feasible == expected.feasible

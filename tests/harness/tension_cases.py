@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cabols_control.cable_kernels import structure_matrix_into
+from cabols_control.cable_kernels import cable_records, structure_matrix_into
 
 LOW, HIGH = 1.0, 150.0
 CENTRE = np.array([0.0, 1.234615, 0.792718])
@@ -25,7 +25,8 @@ def reference_points():
 
 def matrix_of(base, platform, position=CENTRE, rotation=None):
     A = np.empty((6, base.shape[0]))
-    structure_matrix_into(base, platform, position, np.eye(3) if rotation is None else rotation, A)
+    turn = np.eye(3) if rotation is None else rotation
+    structure_matrix_into(cable_records(base, platform), position, turn, A)
     return A
 
 

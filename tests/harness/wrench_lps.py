@@ -59,9 +59,9 @@ class VertexPrograms:
 def feasible_poses(geometry, positions, rotations, vertices, low, high):
     """(k,) answers, and the number of linear programmes solved."""
     programs = VertexPrograms(geometry.cables, low, high)
-    points = (np.array(geometry.base_points), np.array(geometry.platform_points))
+    cables = geometry.records()
     answers = [
-        programs.feasible(structure_matrix_unchecked(*points, p, r), vertices)
+        programs.feasible(structure_matrix_unchecked(cables, p, r), vertices)
         for p, r in zip(positions, rotations, strict=True)
     ]
     return np.array(answers), programs.solved

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.cable_kernels import refuse_short_cable
+from cabols_control.cable_kernels import CABLE, cable_records, refuse_short_cable
 from cabols_control.checks import FloatArray, IntArray, finite_array
 from cabols_control.errors import ShapeError
 
@@ -226,7 +226,7 @@ class RigTensionResolver:
         self.work[EXACT] = 1.0 if exact else 0.0
         self.work[start : start + 2 * n] = np.concatenate(limits)
         self.work[at_weights(n) : at_weights(n) + 6] = check_weights(weights)
-        self.work[work_size(n) :] = np.concatenate([base.ravel(), platform.ravel()])
+        self.work[work_size(n) :] = cable_records(base, platform).view(np.float64)
 
     def solve(self, position: ArrayLike, rotation: ArrayLike, wrench: ArrayLike) -> TensionSolution:
         """Tensions for one wrench at one pose.
@@ -266,8 +266,7 @@ class RigTensionResolver:
         """Say what is wrong with a pose that the compiled code refused, if it is the pose."""
         place = finite_array("position", position, (3,))
         turn = finite_array("rotation", rotation, (3, 3))
-        points = self.work[work_size(self.cables) :].reshape(2, self.cables, 3)
-        refuse_short_cable(points[0], points[1], place, turn)
+        refuse_short_cable(self.work[work_size(self.cables) :].view(CABLE), place, turn)
 
     def solve_into(
         self, position: FloatArray, rotation: FloatArray, wrench: FloatArray, tension: FloatArray

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -93,8 +93,7 @@ class InterferenceTask(NamedTuple):
     """Arguments of the compiled test of a pose.
 
     Attributes:
-        base_points: (n, 3) [m].
-        platform_points: (n, 3) [m].
+        cables: (n,) records of CABLE.
         shared: (n, n) NO_PAIR, SHARE_PLATFORM or SHARE_BASE.
         capsule_ends: (c, 2, 3) [m], those of the platform first.
         on_platform: (c, 2) 1 where the end moves with the platform.
@@ -105,8 +104,7 @@ class InterferenceTask(NamedTuple):
         attachment_length: [m].
     """
 
-    base_points: FloatArray
-    platform_points: FloatArray
+    cables: Any
     shared: IntArray
     capsule_ends: FloatArray
     on_platform: IntArray
@@ -126,8 +124,7 @@ def interference_task(geometry: RigGeometry, bodies: Bodies) -> InterferenceTask
         shared[apart < SAME_POINT_M] = kind
     capsules = [*bodies.platform, *bodies.target]
     return InterferenceTask(
-        base,
-        platform,
+        geometry.records(),
         shared,
         np.array([[c.start, c.end] for c in capsules], dtype=np.float64).reshape(-1, 2, 3),
         np.array(

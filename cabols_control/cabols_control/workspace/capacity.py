@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from math import comb
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M, structure_matrix_into
+from cabols_control.cable_kernels import (
+    MIN_CABLE_LENGTH_M,
+    cable_lengths_into,
+    structure_matrix_into,
+)
 from cabols_control.checks import BoolArray, FloatArray, finite_array, in_range
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
@@ -64,8 +68,7 @@ class CapacityTask(NamedTuple):
     """Arguments of a compiled loop over poses, checked and scaled.
 
     Attributes:
-        base_points: (n, 3) A_i [m].
-        platform_points: (n, 3) b_i [m].
+        cables: (n,) records of CABLE.
         low: (n,) [N].
         high: (n,) [N].
         weights: (6,) of wrench components.
@@ -80,8 +83,7 @@ class CapacityTask(NamedTuple):
         longest: largest [m].
     """
 
-    base_points: FloatArray
-    platform_points: FloatArray
+    cables: Any
     low: FloatArray
     high: FloatArray
     weights: FloatArray
@@ -136,8 +138,7 @@ def capacity_task(
     with np.errstate(over="ignore"):
         points, generators = required.points * scale, required.generators * scale
     return CapacityTask(
-        base_points=np.array(geometry.base_points),
-        platform_points=np.array(geometry.platform_points),
+        cables=geometry.records(),
         low=low,
         high=high,
         weights=scale,
@@ -186,18 +187,12 @@ def _held_wrench(task: CapacityTask, rotation: FloatArray, held: FloatArray) -> 
 
 
 @compiled
-def _reaches(task: CapacityTask, position: FloatArray, rotation: FloatArray) -> bool:
-    """Whether every cable's length is within its limits."""
-    for i in range(task.base_points.shape[0]):
-        square = 0.0
-        for axis in range(3):
-            part = task.base_points[i, axis] - position[axis]
-            for k in range(3):
-                part -= rotation[axis, k] * task.platform_points[i, k]
-            square += part * part
-        if not task.shortest * task.shortest <= square <= task.longest * task.longest:
-            return False
-    return True
+def _reaches(
+    task: CapacityTask, position: FloatArray, rotation: FloatArray, lengths: FloatArray
+) -> bool:
+    """Whether every cable's length is within its limits; lengths (n,) is filled [m]."""
+    cable_lengths_into(task.cables, position, rotation, lengths)
+    return bool((task.shortest <= lengths).all() and (lengths <= task.longest).all())
 
 
 @compiled
@@ -210,7 +205,7 @@ def capacity_loop(
     results: FloatArray,
 ) -> None:
     """Fill results (k, o, RESULTS) for every position (k, 3) with every rotation (o, 3, 3)."""
-    n = task.base_points.shape[0]
+    n = task.cables.shape[0]
     vectors = task.points.shape[0] + task.generators.shape[0] + n
     work = scratch[: work_size(n)]
     start = work_size(n)
@@ -218,18 +213,16 @@ def capacity_loop(
     start += n * vectors
     matrix = scratch[start : start + 6 * n].reshape((6, n))
     scaled = scratch[start + 6 * n : start + 12 * n].reshape((6, n))
-    held = np.zeros(6)
+    held, lengths = np.zeros(6), np.empty(n)
     bounded = task.shortest > MIN_CABLE_LENGTH_M or task.longest < np.inf
     for k in range(positions.shape[0]):
         for o in range(rotations.shape[0]):
-            structure_matrix_into(
-                task.base_points, task.platform_points, positions[k], rotations[o], matrix
-            )
+            structure_matrix_into(task.cables, positions[k], rotations[o], matrix)
             if task.platform_axes:
                 to_platform_axes(matrix, rotations[o])
             if task.holds:
                 _held_wrench(task, rotations[o], held)
-            if bounded and not _reaches(task, positions[k], rotations[o]):
+            if bounded and not _reaches(task, positions[k], rotations[o], lengths):
                 worst_result(results[k, o])
                 continue
             capacity_at(task, matrix, work, products, normals, scaled, held, results[k, o])
@@ -237,7 +230,7 @@ def capacity_loop(
 
 def capacity_scratch(task: CapacityTask) -> tuple[FloatArray, FloatArray]:
     """Return the scratch of `capacity_loop`: one flat array, and normals."""
-    n = task.base_points.shape[0]
+    n = task.cables.shape[0]
     size = work_size(n) + n * (len(task.points) + len(task.generators) + n) + 12 * n
     return np.zeros(size), np.zeros((comb(n, 5), 6))
 

@@ -51,6 +51,12 @@ class Clearance(NamedTuple):
 
 
 @compiled
+def _point(vector: FloatArray) -> Point:
+    """Return a vector (3,) as a point."""
+    return vector[0], vector[1], vector[2]
+
+
+@compiled
 def _place(rotation: FloatArray, position: FloatArray, point: Point, moves: bool) -> Point:
     """Return a point in the base frame; it is given in the platform frame if it moves."""
     if not moves:
@@ -84,7 +90,7 @@ def _cables_apart(task: InterferenceTask, held: FloatArray, i: int, j: int) -> f
     """Gap between the cables i and j, whose platform points are held (n, 3) in the base frame."""
     kind = task.shared[i, j]
     p, r = row(held, i), row(held, j)
-    q, s = row(task.base_points, i), row(task.base_points, j)
+    q, s = _point(task.cables[i]["base"]), _point(task.cables[j]["base"])
     if kind == SHARE_PLATFORM:
         p, r = _shorten(p, q, task.joint_length), _shorten(r, s, task.joint_length)
     elif kind == SHARE_BASE:
@@ -116,19 +122,19 @@ def clearances_at(
     Returns:
         Angle [rad] within which no gap can fall below `required`; negative if one has.
     """
-    n = task.base_points.shape[0]
+    n = task.cables.shape[0]
     held = work[:n]
     out[:] = math.inf
     safe = math.inf
     for i in range(n):
-        point = _place(rotation, position, row(task.platform_points, i), True)
+        point = _place(rotation, position, _point(task.cables[i]["platform"]), True)
         held[i, 0], held[i, 1], held[i, 2] = point
     for i in range(n):
-        reach = _arm(row(task.platform_points, i), axis)
+        reach = _arm(_point(task.cables[i]["platform"]), axis)
         for j in range(i):
             gap = _cables_apart(task, held, i, j)
             out[CABLES] = min(out[CABLES], gap)
-            speed = reach + _arm(row(task.platform_points, j), axis)
+            speed = reach + _arm(_point(task.cables[j]["platform"]), axis)
             safe = min(safe, (gap - required) / max(speed, 1e-9))
     for c in range(task.capsule_radius.shape[0]):
         moves, ends = task.on_platform[c], task.capsule_ends[c]
@@ -137,12 +143,12 @@ def clearances_at(
         speed = max(moves[0] * _arm(row(ends, 0), axis), moves[1] * _arm(row(ends, 1), axis))
         kind = PLATFORM if c < task.platform_capsules else TARGET
         for i in range(n):
-            far = row(task.base_points, i)
+            far = _point(task.cables[i]["base"])
             near = _shorten(row(held, i), far, task.attachment_length)
             gap = segment_distance(near, far, start, end)
             gap -= task.cable_radius + task.capsule_radius[c]
             out[kind] = min(out[kind], gap)
-            together = speed + _arm(row(task.platform_points, i), axis)
+            together = speed + _arm(_point(task.cables[i]["platform"]), axis)
             safe = min(safe, (gap - required) / max(together, 1e-9))
     return safe
 
@@ -180,7 +186,7 @@ def advance(
 
     Arguments as `clearances_at`; work is (n + 3, 3). 0 if the clearance is missing at the start.
     """
-    n = task.base_points.shape[0]
+    n = task.cables.shape[0]
     turned, out = work[n : n + 3], np.empty(3)
     sign, angle = (1.0 if limit >= 0.0 else -1.0), 0.0
     for _ in range(MAX_STEPS):
@@ -214,7 +220,7 @@ def clearance_loop(
 
 def clearance_work(task: InterferenceTask) -> FloatArray:
     """Return scratch for the functions above."""
-    return np.zeros((task.base_points.shape[0] + 3, 3))
+    return np.zeros((task.cables.shape[0] + 3, 3))
 
 
 def clearance_along(

@@ -93,6 +93,7 @@ class WrenchController:
         self._weights = np.array(DEFAULT_WEIGHTS)
         self._work = np.zeros(work_size(n))
         set_method(self._work, n, control.tension_method, control.tension_exponent, share=0.0)
+        self._cables = rig.geometry.records()
         self._matrix = np.zeros((6, n))
         # Own copies of the pose: read-only arrays would need other compiled code.
         self._position, self._rotation = np.zeros(3), np.eye(3)
@@ -162,9 +163,8 @@ class WrenchController:
 
     def _use_pose(self) -> None:
         track = self._track[0]
-        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
         self._position[:], self._rotation[:] = track["place"], track["turn"]
-        structure_matrix_into(*points, self._position, self._rotation, self._matrix)
+        structure_matrix_into(self._cables, self._position, self._rotation, self._matrix)
         prepare_pose(self._matrix, *self._limits, self._weights, self._work)
 
     def trip(self, fault: Fault) -> None:

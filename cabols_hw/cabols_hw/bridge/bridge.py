@@ -63,6 +63,7 @@ class Bridge:
         n = rig.geometry.cables
         self._rig = rig
         self._card = card
+        self._cables = rig.geometry.records()
         self._work = limb_reading_work(n)
         self._work["counts_per_metre"] = card.counts_per_metre
         self._work["stiffness"] = rig.limbs.stiffness
@@ -123,10 +124,9 @@ class Bridge:
         # Copies, because read-only arrays would need other compiled code. New arrays, because a
         # sample in progress must use the old ones or the new ones, not a mixture.
         position, rotation = np.array(position), np.array(rotation, order="C")
-        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
-        cable_lengths_into(*points, position, rotation, self._length)
+        cable_lengths_into(self._cables, position, rotation, self._length)
         structure, weight = np.zeros_like(self.structure), np.zeros(6)
-        structure_matrix_into(*points, position, rotation, structure)
+        structure_matrix_into(self._cables, position, rotation, structure)
         self.structure = structure
         self.rotation = rotation
         tool_weight_into(*self._tool, rotation, weight)
@@ -149,11 +149,14 @@ class Bridge:
         """Move the platform to where it is at a sample."""
         while self._poses:
             hear_pose(self._track, *self._poses.popleft())
-        points = (self._rig.geometry.base_points, self._rig.geometry.platform_points)
-        cables = (self._length, self.structure, self.cable_speed, self.cable_acceleration)
-        place_cables_into(
-            self._track, now_s, points, self._tool, cables, self.rotation, self._weight
+        cables = (
+            self._cables,
+            self._length,
+            self.structure,
+            self.cable_speed,
+            self.cable_acceleration,
         )
+        place_cables_into(self._track, now_s, cables, self._tool, self.rotation, self._weight)
 
     @property
     def _bias(self) -> FloatArray:

@@ -16,9 +16,8 @@ from cabols_hw.force_torque.tool_weight import tool_weight_into
 def place_cables_into(
     track: Any,
     now_s: float,
-    points: tuple[FloatArray, FloatArray],
+    cables: tuple[Any, FloatArray, FloatArray, FloatArray, FloatArray],
     tool: tuple[float, FloatArray],
-    cables: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     rotation: FloatArray,
     weight: FloatArray,
 ) -> bool:
@@ -27,25 +26,24 @@ def place_cables_into(
     Args:
         track: (1,) record of POSE_TRACK; updated.
         now_s: of the sample [s].
-        points: (n, 3) each, of the cables on base [m] and platform [m].
+        cables: (n,) records of CABLE; then, filled: (n,) lengths [m], (6, n) structure matrix,
+            (n,) speeds [m/s] and (n,) accelerations [m/s^2] at which the platform lengthens them.
         tool: its mass [kg], (3,) centre of mass in platform axes [m].
-        cables: (n,) lengths [m], (6, n) structure matrix, (n,) speeds [m/s] and (n,) accelerations
-            [m/s^2] at which the platform lengthens the cables; filled.
         rotation: (3, 3) platform to base axes; filled.
         weight: (6,) of the tool, platform axes; filled [N, N m].
 
     Returns:
         Whether the platform has moved.
     """
-    length, structure, speed, acceleration = cables
+    records, length, structure, speed, acceleration = cables
     own = track[0]
     if not place_platform(track, now_s):
         if own["poses"]:
             _lengthen_into(own, structure, speed, acceleration)
         return False
     place, turn = own["place"], own["turn"]
-    cable_lengths_into(points[0], points[1], place, turn, length)
-    structure_matrix_into(points[0], points[1], place, turn, structure)
+    cable_lengths_into(records, place, turn, length)
+    structure_matrix_into(records, place, turn, structure)
     rotation[:] = turn
     tool_weight_into(tool[0], tool[1], rotation, weight)
     _lengthen_into(own, structure, speed, acceleration)

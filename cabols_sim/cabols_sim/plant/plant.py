@@ -134,7 +134,7 @@ class Plant:
             seed: of slack, sensor bias and noise.
             target: what holds the platform; None for a rigid one.
         """
-        self._geometry = rig.geometry
+        self._cables = rig.geometry.records()
         self._card = card
         self._config = config
         self._random = np.random.default_rng(seed)
@@ -171,10 +171,9 @@ class Plant:
         return bias
 
     def _place(self) -> None:
-        points = (self._geometry.base_points, self._geometry.platform_points)
         pose = (self.target.position, self.target.rotation)
-        cable_lengths_into(*points, *pose, self._length)
-        structure_matrix_into(*points, *pose, self._matrix)
+        cable_lengths_into(self._cables, *pose, self._length)
+        structure_matrix_into(self._cables, *pose, self._matrix)
 
     def drive(self, volts: FloatArray) -> None:
         """Set the (n,) amplifier inputs [V], through the DAC's steps."""

@@ -135,10 +135,10 @@ def candidate_loads(
     random = np.random.default_rng(seed)
     posture = robot.posture(joints)
     which, tensions, wrenches = [], [], []
-    points = geometry.base_points, geometry.platform_points
+    cables = geometry.records()
     for index in range(joints.shape[0]):
         position, rotation = posture.position[index], posture.rotation[index]
-        matrix = structure_matrix_unchecked(*points, position, np.ascontiguousarray(rotation))
+        matrix = structure_matrix_unchecked(cables, position, np.ascontiguousarray(rotation))
         scaled = turning(rotation.T) @ matrix / limit[:, None]
         for direction in random.standard_normal((count, 6)):
             peak = _farthest(scaled, direction, low, high)

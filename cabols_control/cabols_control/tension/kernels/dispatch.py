@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from cabols_control.cable_kernels import structure_matrix_into
+from typing import Any
+
+from cabols_control.cable_kernels import CABLE, CABLE_FLOATS, structure_matrix_into
 from cabols_control.checks import FloatArray, IntArray
 
 from .basis import prepare_pose
@@ -256,13 +258,12 @@ def solve_batch(
 
 
 @inlined
-def _rig_views(work: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Base points (n, 3), platform points (n, 3) and structure matrix (6, n) of a rig's array."""
+def _rig_views(work: FloatArray) -> tuple[Any, FloatArray]:
+    """(n,) records of CABLE and structure matrix (6, n) of a rig's array."""
     n = int(work[CABLES])
     start = work_size(n)
-    base = work[start : start + 3 * n].reshape((n, 3))
-    platform = work[start + 3 * n : start + 6 * n].reshape((n, 3))
-    return base, platform, work[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
+    cables = work[start : start + CABLE_FLOATS * n].view(CABLE)
+    return cables, work[at_structure(n) : at_structure(n) + 6 * n].reshape((6, n))
 
 
 @inlined
@@ -278,7 +279,7 @@ def solve_at_pose(
 
     Args:
         work: (rig_work_size(n),) work array of a rig: number of cables, limits and weights in
-            their places, the points at the end. No pose is ready in it afterwards.
+            their places, its cables' records at the end. No pose is ready in it afterwards.
         position: (3,) platform origin, base frame [m].
         rotation: (3, 3) from platform to base axes.
         wrench: (6,) [N], [N m], base axes.
@@ -291,8 +292,8 @@ def solve_at_pose(
     n = int(work[CABLES])
     limits = at_limits(n)
     low, high = work[limits : limits + n], work[limits + n : limits + 2 * n]
-    base, platform, A = _rig_views(work)
-    structure_matrix_into(base, platform, position, rotation, A)
+    rig, A = _rig_views(work)
+    structure_matrix_into(rig, position, rotation, A)
     work[LOSS] = 0.0
     if not (n == 8 and solve_pose_eight(work, low, high, wrench, tension_out)):
         prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
@@ -326,13 +327,13 @@ def solve_pose_batch(
     """
     n = int(work[CABLES])
     residual = spare_residual(work)
-    base, platform, A = _rig_views(work)
+    rig, A = _rig_views(work)
     # Arrays of their own: what lies in the work array is loaded anew after every store there.
-    base, platform = base.copy(), platform.copy()
+    rig = rig.copy()
     limits, weights = at_limits(n), work[at_weights(n) : at_weights(n) + 6].copy()
     low, high = work[limits : limits + n].copy(), work[limits + n : limits + 2 * n].copy()
     for k in range(wrenches.shape[0]):
-        structure_matrix_into(base, platform, positions[k], rotations[k], A)
+        structure_matrix_into(rig, positions[k], rotations[k], A)
         if n == 8 and solve_pose_eight(work, low, high, wrenches[k], tensions[k]):
             status[k] = FEASIBLE
         else:

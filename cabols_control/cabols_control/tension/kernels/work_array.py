@@ -7,6 +7,8 @@ All matrices are row major with cables along the row, so that compiled loops run
 
 from __future__ import annotations
 
+from cabols_control.cable_kernels import CABLE_FLOATS
+
 from .static_size import compiled
 
 Six = tuple[float, float, float, float, float, float]
@@ -131,5 +133,5 @@ def work_size(n: int) -> int:
 
 @compiled
 def rig_work_size(n: int) -> int:
-    """Length of a rig's work array: its (n, 3) base and (n, 3) platform points come last."""
-    return work_size(n) + 6 * n
+    """Length of a rig's work array: its cables' (n,) records of CABLE come last."""
+    return work_size(n) + CABLE_FLOATS * n
