@@ -105,6 +105,10 @@ bench-workspace: setup  ## time workspace grids beside linear programmes
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_workspace.py $(ARGS)
 
+bench-forward-kinematics: setup  ## poses of ten public robots from their cables' lengths: none wrong, time; resumes
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_forward_kinematics.py $(ARGS)
+
 bench-simulation: setup  ## time the simulated rig against the wall clock
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_simulation.py $(ARGS)

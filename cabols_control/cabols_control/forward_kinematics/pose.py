@@ -1,0 +1,223 @@
+"""The platform's pose from its cables' lengths: arguments checked, answers with their meaning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from math import pi
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import chi2
+
+from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
+from cabols_control.errors import OutOfRangeError, ShapeError
+from cabols_control.geometry import RigGeometry
+from cabols_control.motion import Motion
+
+from . import search
+from .task import PoseTask, pose_work
+
+MISSED = 1e-9
+"""Probability of an error of the lengths beyond what counts as noise."""
+BOXES_LOOKED_AT = 20_000
+"""About 60 ms at most."""
+LARGEST_STD_M = 1.0
+
+
+class PoseState(IntEnum):
+    """What is known of the pose."""
+
+    KNOWN = search.KNOWN
+    """It is the only pose of the region with these lengths: shown, not sampled."""
+    NOT_FOUND = search.NOT_FOUND
+    """None was found, and that there is none was not shown."""
+    NO_POSE = search.NO_POSE
+    """No pose of the region has these lengths: a length is wrong, or the platform elsewhere."""
+    NOT_ALONE = search.NOT_ALONE
+    """Several poses of the region have these lengths; one of them is returned."""
+    NOT_SHOWN = search.NOT_SHOWN
+    """One was found; that it is the only one was not shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseRegion:
+    """Where the platform may be.
+
+    Attributes:
+        position: (3,) of its middle, base frame [m].
+        rotation: (3, 3) from platform to base axes in the middle.
+        half_widths: (3,) along the base axes [m].
+        largest_turn: from `rotation`, about any axis [rad], up to pi.
+    """
+
+    position: FloatArray
+    rotation: FloatArray
+    half_widths: FloatArray
+    largest_turn: float
+
+    def __post_init__(self) -> None:
+        """Check shapes and sizes."""
+        keep = object.__setattr__
+        keep(self, "position", finite_array("position", self.position, (3,)))
+        keep(self, "rotation", rotation_matrix("rotation", self.rotation))
+        half = finite_array("half_widths", self.half_widths, (3,))
+        if not (half >= 0.0).all():
+            raise OutOfRangeError("half_widths", float(half.min()), 0.0, np.inf)
+        keep(self, "half_widths", half)
+        keep(self, "largest_turn", in_range("largest_turn", self.largest_turn, 0.0, pi))
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPose:
+    """Answer of a forward kinematics.
+
+    Attributes:
+        state: what is known; a pose may be used as the platform's in state KNOWN alone.
+        position: (3,) of the platform's origin, base frame [m]; NaN where none was found.
+        rotation: (3, 3) from platform to base axes.
+        covariance: (6, 6) of position [m] and rotation vector [rad], base axes; NaN likewise, and
+            zero along what the platform cannot move.
+        residual: (n,) given less computed lengths of the best pose [m].
+    """
+
+    state: PoseState
+    position: FloatArray
+    rotation: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+
+
+class PoseFinder:
+    """Finds poses of one robot from lengths, in compiled code; one for each thread.
+
+    Attributes:
+        task: arguments of the compiled `search.locate`, for loops of one's own.
+    """
+
+    def __init__(
+        self,
+        geometry: RigGeometry,
+        length_std: ArrayLike,
+        region: PoseRegion,
+        motion: Motion = Motion.SPATIAL,
+    ) -> None:
+        """Prepare a robot.
+
+        Args:
+            geometry: attachment points of n cables; at least as many as the platform has freedoms.
+            length_std: standard deviation of the lengths' errors, one or (n,) [m].
+            region: where the platform may be.
+            motion: how it can move.
+
+        Raises:
+            ShapeError: if an argument has another shape, is not finite, or cables are too few.
+            OutOfRangeError: if a standard deviation is not above zero.
+        """
+        n = geometry.cables
+        if n < motion.freedom:
+            raise ShapeError(
+                f"cables: expected at least {motion.freedom} to find a pose by, got {n}"
+            )
+        std = finite_array("length_std", np.broadcast_to(length_std, (n,)), (n,))
+        for value in std:
+            in_range("length_std", value, 1e-12, LARGEST_STD_M)
+        bound = float(np.sqrt(chi2.isf(MISSED, n)))
+        arms = _arms(geometry, motion)
+        used = np.zeros(6)
+        used[motion.directions] = 1.0
+        self._used = used
+        self.task = PoseTask(
+            cables=geometry.records(),
+            directions=motion.directions,
+            information=std**-2.0,
+            tolerance=bound * std,
+            bound=bound,
+            arms=arms,
+            scale=float(max(arms.mean(), 1e-3 * np.ptp(geometry.base_points, axis=0).max())),
+            centre=np.zeros(3),
+            rotation=np.eye(3),
+            half_widths=np.zeros(6),
+        )
+        self._work = pose_work(n, motion.freedom)
+        self.look_in(region)
+
+    def look_in(self, region: PoseRegion) -> None:
+        """Look in another region from now on.
+
+        Args:
+            region: where the platform may be. What it cannot move along stays as in the middle.
+        """
+        self.task.centre[:] = region.position
+        self.task.rotation[:, :] = region.rotation
+        self.task.half_widths[:3] = region.half_widths
+        self.task.half_widths[3:] = region.largest_turn
+        self.task.half_widths[:] *= self._used
+
+    def find(self, lengths: ArrayLike, boxes: int = BOXES_LOOKED_AT) -> FoundPose:
+        """Find the pose whose cables have these lengths.
+
+        Args:
+            lengths: (n,) between the cables' points [m].
+            boxes: effort: largest number of parts of the region to look at.
+
+        Returns:
+            The pose, and whether it is the only one of the region.
+
+        Raises:
+            ShapeError: if the lengths are not (n,) finite numbers.
+        """
+        n = self.task.arms.size
+        given = finite_array("lengths", lengths, (n,))
+        work, covariance, residual = self._work, np.zeros((6, 6)), np.zeros(n)
+        work.position[:], work.rotation[:, :] = self.task.centre, self.task.rotation
+        state = PoseState(search.locate(self.task, given, boxes, work, covariance, residual))
+        if state in (PoseState.NOT_FOUND, PoseState.NO_POSE):
+            none = np.full((3, 3), np.nan)
+            return FoundPose(state, none[0], none, np.full((6, 6), np.nan), residual)
+        return FoundPose(state, work.position.copy(), work.rotation.copy(), covariance, residual)
+
+
+def _arms(geometry: RigGeometry, motion: Motion) -> FloatArray:
+    """(n,) distance of the platform points from what they turn about [m]."""
+    turns = [row - 3 for row in motion.directions if row >= 3]
+    points = geometry.platform_points @ geometry.reference_rotation.T
+    if not turns:
+        return np.zeros(geometry.cables)
+    if len(turns) == 1:
+        points = np.delete(points, turns[0], axis=1)
+    return np.asarray(np.linalg.norm(points, axis=1))
+
+
+def stretched_lengths(
+    unstretched: ArrayLike,
+    tension: ArrayLike,
+    stiffness: ArrayLike,
+    unstretched_std: ArrayLike = 0.0,
+    tension_std: ArrayLike = 0.0,
+) -> tuple[FloatArray, FloatArray]:
+    """Lengths of cables under tension, and their standard deviations.
+
+    Args:
+        unstretched: (n,) lengths without tension, by the encoders [m].
+        tension: (n,) [N].
+        stiffness: k_e of spring and cable, one or (n,) [N/m].
+        unstretched_std: standard deviation of the lengths, one or (n,) [m].
+        tension_std: of the tensions, one or (n,) [N].
+
+    Returns:
+        (n,) lengths, (n,) standard deviations [m].
+
+    Raises:
+        ShapeError: if an argument has another shape or is not finite.
+        OutOfRangeError: if a stiffness is not above zero.
+    """
+    free = finite_array("unstretched", unstretched, (None,))
+    n = free.shape
+    pull = finite_array("tension", tension, n)
+    spring = finite_array("stiffness", np.broadcast_to(stiffness, n), n)
+    if not spring.min() > 0.0:
+        raise OutOfRangeError("stiffness", float(spring.min()), 0.0, np.inf)
+    own = finite_array("unstretched_std", np.broadcast_to(unstretched_std, n), n)
+    pulled = finite_array("tension_std", np.broadcast_to(tension_std, n), n)
+    return free + pull / spring, np.hypot(own, pulled / spring)
