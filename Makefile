@@ -195,6 +195,12 @@ bench-analysis: setup  ## memory and time of analysing bags of up to an hour
 corpus: setup  ## read files in the forms that others write, and print the table of what is right
 	@$(BIN)/python tests/corpus/check.py
 
+rt-check: setup  ## say what this computer's kernel gives a control loop, and what to set
+	@.venv/lib/cabols_control/rt_check --output build/bench/rt_check.json $(ARGS)
+
+parameters-file: setup  ## write all parameters of all nodes for params_file:=FILE; ARGS="--output FILE"
+	@.venv/lib/cabols_control/parameters_file $(ARGS)
+
 fuzz: setup  ## fuzz every parser and socket for ten minutes; goes on where it was; ARGS="--minutes 1"
 	@$(BIN)/python tests/fuzz/fuzz.py $(ARGS)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from cabols_control.bringup.specs import Argument, NodeSpec, PackageNodes, Role
 from cabols_control.rig_folder import BENCH
-from cabols_control.topics import RECORDED
+from cabols_control.topics import NAMESPACE, RECORDED
 
 OF_EVERY_NODE = ("rig", "geometry_file", "limbs_file", "control_file")
 """Arguments of every node: which rig it is."""
-OF_EVERY_LOOP = (*OF_EVERY_NODE, "fifo_priority")
+OF_EVERY_LOOP = (*OF_EVERY_NODE, "fifo_priority", "lock_memory")
 """Of every node that gets a real-time priority: all but the console."""
 
 SUPERVISOR = NodeSpec(
@@ -80,6 +80,7 @@ RECORDER = NodeSpec(
         "free_space",
         "output",
         "description",
+        "record_also",
     ),
     fifo_below=1,
 )
@@ -101,7 +102,35 @@ CONSOLE = NodeSpec(
         "uploads",
     ),
 )
+FRAMES = NodeSpec(
+    "cabols_control",
+    "frames",
+    (),
+    ("loop_status",),
+    role=Role.FRAMES,
+    restarts=True,
+    takes=(
+        *OF_EVERY_NODE,
+        "other_cpu",
+        "frame_prefix",
+        "robot_position",
+        "robot_rotation_xyz_deg",
+    ),
+)
 ARGUMENTS = (
+    Argument(
+        "params_file",
+        "",
+        "YAML of any parameters of any nodes, as the command parameters_file writes it; arguments "
+        "that are given go before it",
+    ),
+    Argument("namespace", NAMESPACE, "of all nodes; rigs of different ones do not meet"),
+    Argument(
+        "log_level",
+        "info",
+        "of all nodes",
+        choices=("debug", "info", "warn", "error", "fatal"),
+    ),
     Argument("rig", BENCH, "name of an installed rig, or folder of a rig"),
     Argument("geometry_file", "", "YAML of the geometry; empty: the rig's"),
     Argument("limbs_file", "", "YAML of the limbs; empty: the rig's"),
@@ -132,12 +161,20 @@ ARGUMENTS = (
         bounds=(-1, 1000000),
         unit="us",
     ),
+    Argument("lock_memory", False, "keep all pages of the control path in memory"),
     Argument(
         "cpu",
         -1,
         "core for the bridge, the recorder, the robot's bridge and the simulated devices; -1: any",
+        bounds=(-1, 1023),
     ),
-    Argument("other_cpu", -1, "core for the other nodes; -1: any", parameter="cpu"),
+    Argument(
+        "other_cpu",
+        -1,
+        "core for the other nodes; -1: any",
+        parameter="cpu",
+        bounds=(-1, 1023),
+    ),
     Argument("record", True, "record a bag"),
     Argument("record_at_start", True, "false: the recorder waits for its service"),
     Argument(
@@ -147,6 +184,8 @@ ARGUMENTS = (
         bounds=(0.0, 1e6),
         unit="GB",
     ),
+    Argument("frames", False, "publish /tf, /tf_static and robot_description (needs tf2_msgs)"),
+    Argument("frame_prefix", "", "before each frame's name on /tf, such as rig2/"),
     Argument("console", False, "serve the operator's page on this machine"),
     Argument(
         "console_port",
@@ -176,6 +215,12 @@ ARGUMENTS = (
     Argument("uploads", "console/programs", "folder of uploaded programmes"),
     Argument("output", "", "folder of the bag; empty: bags/cabols_<time>"),
     Argument("description", "", "text about the run for the bag's metadata"),
+    Argument(
+        "record_also",
+        "",
+        "further topics of the bag, separated by commas: /diagnostics, /rosout, /tf, /tf_static, "
+        "NAME:PACKAGE/msg/TYPE",
+    ),
     Argument("program", "", "load programme to run at the first LOADING"),
     Argument("scale", 1.0, "factor on the programme's wrench", bounds=(-10.0, 10.0)),
     Argument("preview", True, "follow programmes without lag: smoothed, and previewed"),
@@ -197,5 +242,6 @@ ARGUMENTS = (
     Argument("auto_start", False, "pre-tighten and load without a request"),
 )
 NODES = PackageNodes(
-    (SUPERVISOR, LIMB_CONTROLLER, WRENCH_CONTROLLER, LOAD_PROGRAM, RECORDER, CONSOLE), ARGUMENTS
+    (SUPERVISOR, LIMB_CONTROLLER, WRENCH_CONTROLLER, LOAD_PROGRAM, RECORDER, CONSOLE, FRAMES),
+    ARGUMENTS,
 )

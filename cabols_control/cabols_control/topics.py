@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import Enum
 
@@ -226,6 +227,46 @@ _ROWS = (
 TOPICS = {row.name: row for row in _ROWS}
 RECORDED = tuple(row.name for row in _ROWS if row.recorded)
 """What is recorded unless told otherwise: what a real rig has, too."""
+
+
+FOREIGN = {
+    row.name: row
+    for row in (
+        Topic(
+            "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", Quality.REPORT, "of all nodes"
+        ),
+        Topic("/rosout", "rcl_interfaces/msg/Log", Quality.REPORT, "lines of all nodes' logs"),
+        Topic("/tf", "tf2_msgs/msg/TFMessage", Quality.REPORT, "frames that move"),
+        Topic("/tf_static", "tf2_msgs/msg/TFMessage", Quality.LATCHED, "frames that stand"),
+        Topic(
+            "/parameter_events",
+            "rcl_interfaces/msg/ParameterEvent",
+            Quality.REPORT,
+            "parameters that were set",
+        ),
+        Topic("/robot_description", "std_msgs/msg/String", Quality.LATCHED, "URDF of the rig"),
+    )
+}
+"""ROS's own topics, which a recorder can take besides the graph's."""
+
+
+def foreign_row(text: str) -> Topic:
+    """Return the row of a topic that is none of the graph's table.
+
+    Args:
+        text: name of one of ROS's own, or NAME:PACKAGE/msg/TYPE, relative to the namespace unless
+            it begins with a slash.
+
+    Raises:
+        ValueError: if it is neither.
+    """
+    name, colon, type_name = text.partition(":")
+    if not colon and name in FOREIGN:
+        return FOREIGN[name]
+    if not (name and re.fullmatch(r"[a-z]\w*/msg/[A-Z]\w*", type_name)):
+        raise ValueError(f"expected {', '.join(FOREIGN)} or NAME:PACKAGE/msg/TYPE, got {text!r}")
+    # Matches publishers of every quality.
+    return Topic(name, type_name, Quality.LIVE, "of the site")
 
 
 def topic_row(name: str) -> Topic:

@@ -18,6 +18,7 @@ BRIDGE = NodeSpec(
         "bias_file",
         "power_on_check",
         "watchdog",
+        "board",
         "cpu_latency_us",
         "cpu",
     ),
@@ -34,7 +35,11 @@ ROBOT = NodeSpec(
         "tracker_file",
         "robot_address",
         "robot_maker",
+        "robot_position",
+        "robot_rotation_xyz_deg",
+        "password_file",
         "rws_port",
+        "rtde_port",
         "egm_port",
         "heartbeat_port",
         "tracker_address",
@@ -58,7 +63,9 @@ ARGUMENTS = (
         "auto",
         "required: nothing but the check first_power_on moves before it has passed; skipped; auto: "
         "required of a rig, skipped for the simulated one",
+        choices=("auto", "required", "skipped"),
     ),
+    Argument("board", "0", "number of the Q8 in this machine", kinds=("rig",)),
     Argument(
         "robot_configurations_file",
         "",
@@ -66,7 +73,39 @@ ARGUMENTS = (
     ),
     Argument("tracker_file", "", "YAML of the laser tracker; empty: the rig's"),
     Argument("robot_address", "127.0.0.1", "IP of the robot's controller", kinds=("rig",)),
-    Argument("robot_maker", "abb", "abb: EGM and Robot Web Services; ur: RTDE"),
+    Argument(
+        "robot_maker", "abb", "abb: EGM and Robot Web Services; ur: RTDE", choices=("abb", "ur")
+    ),
+    Argument(
+        "robot_position",
+        [0.0, 0.0, 0.0],
+        "origin of the robot's base in the rig's base frame",
+        kinds=("rig",),
+        bounds=(-1000.0, 1000.0),
+        unit="m",
+    ),
+    Argument(
+        "robot_rotation_xyz_deg",
+        [0.0, 0.0, 0.0],
+        "axes of the robot's base in the rig's, intrinsic x-y-z Euler angles",
+        kinds=("rig",),
+        bounds=(-360.0, 360.0),
+        unit="deg",
+    ),
+    Argument(
+        "password_file",
+        "",
+        "file whose first line is the robot controller's password; empty: $CABOLS_ROBOT_PASSWORD, "
+        "or ABB's default",
+        kinds=("rig",),
+    ),
+    Argument(
+        "rtde_port",
+        30004,
+        "TCP port of RTDE, of robots of Universal Robots",
+        kinds=("rig",),
+        bounds=(1, 65535),
+    ),
     Argument(
         "rws_port",
         80,

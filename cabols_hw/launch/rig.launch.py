@@ -7,14 +7,15 @@ from launch.actions import OpaqueFunction
 
 from cabols_control.bringup.graph import rig_graph
 from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
+from cabols_control.params_file import complete
 from launch import Action, LaunchContext, LaunchDescription
 
 
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
-    values = argument_values(context, "rig")
-    graph = rig_graph(values["record"], values["campaign"], values["console"])
-    return launch_nodes(graph, values, context)
+    values, given = argument_values(context, "rig")
+    graph = rig_graph(values["record"], values["campaign"], values["console"], values["frames"])
+    return launch_nodes(complete(graph, values, given), context)
 
 
 def generate_launch_description() -> LaunchDescription:

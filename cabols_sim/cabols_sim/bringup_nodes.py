@@ -112,6 +112,7 @@ def bench_graph(
     ports: Ports | None = None,
     campaign: bool = False,
     console: bool = False,
+    frames: bool = False,
 ) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
@@ -129,8 +130,9 @@ def bench_graph(
         campaign: with the nodes of stiffness campaigns; they need the robot.
         console: with the operator's page; in lockstep only with a robot, as otherwise the clock
             waits for the supervisor, whose operator time-out then cannot run.
+        frames: with /tf.
     """
-    nodes = answering(record, campaign, console and (robot or not lockstep))
+    nodes = answering(record, campaign, console and (robot or not lockstep), frames)
     nodes += _devices(ports or Ports(), lockstep) if robot else [PLANT]
     if robot:
         nodes = [with_robot(node) for node in nodes]

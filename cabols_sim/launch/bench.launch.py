@@ -6,22 +6,26 @@ ros2 launch cabols_sim bench.launch.py program:=steps auto_start:=true output:=b
 from launch.actions import OpaqueFunction
 
 from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
-from cabols_sim.bench.run import forgiving, launched
+from cabols_control.params_file import complete
+from cabols_sim.bench.run import forgiving, free_ports, launched
 from cabols_sim.bringup_nodes import bench_graph
 from launch import Action, LaunchContext, LaunchDescription
 
 
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
-    values = launched(argument_values(context, "bench"))
+    values, given = argument_values(context, "bench", forgiving())
+    values = launched(values, given)
     graph = bench_graph(
         values["lockstep"],
         values["record"],
         values["robot"],
+        free_ports(),
         campaign=values["campaign"],
         console=values["console"],
+        frames=values["frames"],
     )
-    return launch_nodes(graph, values, context)
+    return launch_nodes(complete(graph, values, given), context)
 
 
 def generate_launch_description() -> LaunchDescription:

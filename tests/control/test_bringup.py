@@ -14,8 +14,10 @@ from cabols_control.bringup.specs import Argument, NodeSpec, Role, give
 from cabols_control.topics import TOPICS
 from cabols_sim.bringup_nodes import bench_graph
 
-OF_THE_GRAPH = {"record", "console", "campaign", "robot", "lockstep"}
+OF_THE_GRAPH = {"record", "console", "campaign", "robot", "lockstep", "frames"}
 """Arguments that no node gets: they say which nodes there are."""
+OF_ALL = {"params_file", "namespace", "log_level"}
+"""Arguments that are no node's parameter: see params_file.complete."""
 CONTROL = [*sorted(Path(bringup.__file__).parent.glob("*.py")), Path(bringup_nodes.__file__)]
 
 
@@ -55,7 +57,7 @@ def test_everything_is_declared_once_and_known():
     names = {argument.name for argument in arguments}
     taken = {name for node in nodes for name in node.takes}
     assert taken <= names
-    assert names - taken == OF_THE_GRAPH
+    assert names - taken == OF_THE_GRAPH | OF_ALL
     assert {topic for node in nodes for topic in (*node.reads, *node.writes)} <= set(TOPICS)
 
 

@@ -16,7 +16,7 @@ def launch_values(**typed):
     """What bench.launch.py gives its nodes: launch fills in the defaults that it declared."""
     own = forgiving()
     texts = {a.name: str(own.get(a.name, a.default)) for a in BENCH}
-    return launched(read_arguments(BENCH, {**texts, **typed}))
+    return launched(read_arguments(BENCH, {**texts, **typed}), set(typed))
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.3, 0.04, 0.01])

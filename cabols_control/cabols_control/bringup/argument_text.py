@@ -14,8 +14,10 @@ from cabols_control.bringup.specs import Argument
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.geometry import MIN_CABLES
 from cabols_control.load_programs.programs import BUILT_IN, load_program
+from cabols_control.plain_numbers import plain_number
 from cabols_control.rig_folder import find_rig
 from cabols_control.tension import check_method
+from cabols_control.topics import foreign_row
 
 TRUTH = {"true": True, "false": False}
 WHOLE = re.compile(r"[+-]?\d+")
@@ -104,16 +106,26 @@ def read_argument(argument: Argument, text: str) -> Any:
             )
         return argument.checked(int(words))
     if isinstance(argument.default, float):
-        try:
-            number = float(words)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
+        return argument.checked(_number(argument, words, text))
+    if isinstance(argument.default, list):
+        parts = words.removeprefix("[").removesuffix("]").split(",")
+        if len(parts) != len(argument.default):
             raise ConfigError(
-                f"{argument.name}: expected {_range(argument, 'a number')}, got {text!r}"
+                f"{argument.name}: expected {len(argument.default)} numbers as in "
+                f"{argument.default}, got {text!r}"
             )
-        return argument.checked(number)
-    return _expanded(argument.name, words)
+        return [argument.checked(_number(argument, part.strip(), text)) for part in parts]
+    return argument.checked(_expanded(argument.name, words))
+
+
+def _number(argument: Argument, words: str, text: str) -> float:
+    try:
+        number = plain_number(words)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ConfigError(f"{argument.name}: expected {_range(argument, 'a number')}, got {text!r}")
+    return number
 
 
 def _range(argument: Argument, what: str) -> str:
@@ -151,6 +163,10 @@ def _look_up(name: str, value: Any) -> None:
             LOOKED_UP[name](value)
         except CabolsError as error:
             raise ConfigError(f"{name}:={value}: {error}") from error
+    if name in PATHS and Path(value).exists() and not Path(value).is_dir():
+        raise ConfigError(f"{name}: expected a folder, found a file at {value}")
+    if name in PATTERNS and not re.fullmatch(PATTERNS[name][0], value):
+        raise ConfigError(f"{name}: expected {PATTERNS[name][1]}, got {value!r}")
 
 
 def _find_program(text: str) -> None:
@@ -158,8 +174,39 @@ def _find_program(text: str) -> None:
         load_program(text)
 
 
+def _find_topics(text: str) -> None:
+    try:
+        for name in listed_topics(text):
+            foreign_row(name)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+
+
+def listed_topics(text: str) -> list[str]:
+    """Names of topics in a text that separates them by commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _new_folder(text: str) -> None:
+    folder = Path(text)
+    if folder.is_dir() and any(folder.iterdir()):
+        raise ConfigError("expected a new or empty folder, got one with files; name another one")
+
+
+HOST = r"[A-Za-z0-9](?:[A-Za-z0-9.-]*[A-Za-z0-9])?"
+PATTERNS = {
+    "namespace": (r"(/[A-Za-z_]\w*)+", "a namespace such as /rig2"),
+    "frame_prefix": (r"[A-Za-z_]\w*/?", "letters, then a slash, such as rig2/"),
+    "board": (r"\d{1,3}", "the number of a card, from 0"),
+    "robot_address": (HOST, "an IP address or a host's name"),
+    "console_host": (rf"{HOST}|[0-9A-Fa-f:]*:[0-9A-Fa-f:]*", "an IP address or a host's name"),
+    "tracker_address": (rf"{HOST}:\d{{1,5}}", "host:port"),
+}
+"""What a text must look like, and in words."""
 LOOKED_UP: dict[str, Callable[[str], Any]] = {
     "rig": find_rig,
     "program": _find_program,
+    "output": _new_folder,
+    "record_also": _find_topics,
     "tension_method": lambda text: check_method(MIN_CABLES, text),
 }

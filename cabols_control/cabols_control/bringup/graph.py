@@ -20,6 +20,7 @@ PREFIX = "cabols_"
 MODULE = "bringup_nodes"
 READERS_FIRST = (
     Role.CONSOLE,
+    Role.FRAMES,
     Role.RECORDER,
     Role.CONTROLLER,
     Role.PROGRAM,
@@ -63,31 +64,42 @@ def nodes_of(role: Role) -> list[NodeSpec]:
     return [node for node in all_nodes() if node.role is role]
 
 
-def answering(record: bool, campaign: bool, console: bool) -> list[NodeSpec]:
+def answering(record: bool, campaign: bool, console: bool, frames: bool = False) -> list[NodeSpec]:
     """What answers the clock, in starting order, without robot and clock.
 
     Args:
         record: with the recorder.
         campaign: with the nodes of stiffness campaigns.
         console: with the operator's page.
+        frames: with /tf.
     """
-    wanted = {Role.RECORDER: record, Role.CAMPAIGN: campaign, Role.CONSOLE: console}
+    wanted = {
+        Role.RECORDER: record,
+        Role.CAMPAIGN: campaign,
+        Role.CONSOLE: console,
+        Role.FRAMES: frames,
+    }
     roles = (role for role in READERS_FIRST if wanted.get(role, True))
     return [node for role in roles for node in nodes_of(role)]
 
 
-def rig_graph(record: bool = True, campaign: bool = False, console: bool = False) -> list[NodeSpec]:
+def rig_graph(
+    record: bool = True, campaign: bool = False, console: bool = False, frames: bool = False
+) -> list[NodeSpec]:
     """Nodes of a rig with hardware, in starting order: readers first, the clock last.
 
     Args:
         record: with the recorder.
         campaign: with the nodes of stiffness campaigns.
         console: with the operator's page.
+        frames: with /tf.
     """
-    nodes = [*answering(record, campaign, console), *nodes_of(Role.ROBOT), *nodes_of(Role.CLOCK)]
+    nodes = answering(record, campaign, console, frames)
+    nodes += [*nodes_of(Role.ROBOT), *nodes_of(Role.CLOCK)]
     return [with_robot(node) for node in nodes]
 
 
 def with_robot(node: NodeSpec) -> NodeSpec:
-    """Tell a control loop, which behaves differently then, that there is a robot."""
-    return node.with_parameters(robot=True) if node.role is Role.CONTROLLER else node
+    """Tell a node that behaves differently then that there is a robot."""
+    tells = node.role in (Role.CONTROLLER, Role.FRAMES)
+    return node.with_parameters(robot=True) if tells else node

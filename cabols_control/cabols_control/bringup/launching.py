@@ -13,7 +13,7 @@ from launch.events import Shutdown
 from launch_ros.actions import Node
 
 from cabols_control.bringup.argument_text import others, read_arguments
-from cabols_control.bringup.graph import all_arguments, with_arguments
+from cabols_control.bringup.graph import all_arguments
 from cabols_control.bringup.processes import GRACE_S, RESTART_S
 from cabols_control.bringup.specs import LAUNCHER, ONE_BLAS_THREAD, NodeSpec
 
@@ -49,12 +49,15 @@ def arguments(kind: str, defaults: Mapping[str, Any] | None = None) -> list[Any]
     ]
 
 
-def argument_values(context: Any, kind: str) -> dict[str, Any]:
-    """Return the arguments' values, typed as their defaults.
+def argument_values(
+    context: Any, kind: str, defaults: Mapping[str, Any] | None = None
+) -> tuple[dict[str, Any], set[str]]:
+    """Return the arguments' values, typed as their defaults, and the names of those given.
 
     Args:
         context: of the launch.
         kind: of graph, "bench" or "rig".
+        defaults: of this launch file, as for arguments().
 
     Raises:
         ConfigError: naming every argument that cannot be used, or is none; nothing has started.
@@ -62,17 +65,16 @@ def argument_values(context: Any, kind: str) -> dict[str, Any]:
     texts = {k: v for k, v in context.launch_configurations.items() if k != DISCOVERY}
     mine = [argument for argument in all_arguments() if kind in argument.kinds]
     values = read_arguments(mine, texts, others(list(texts), context.argv, sys.argv))
-    return {**{argument.name: argument.default for argument in all_arguments()}, **values}
+    shown = {a.name: str((defaults or {}).get(a.name, a.default)) for a in mine}
+    given = {name for name, text in texts.items() if text != shown.get(name)}
+    return {**{argument.name: argument.default for argument in all_arguments()}, **values}, given
 
 
-def launch_nodes(
-    graph: Sequence[NodeSpec], values: dict[str, Any], context: Any = None
-) -> list[Any]:
+def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
     """Return launch actions for the nodes; when one ends that may not restart, all end.
 
     Args:
-        graph: its nodes.
-        values: of the arguments, by name.
+        nodes: complete, see cabols_control.params_file.complete.
         context: of the launch; None: the nodes find this machine alone.
     """
     discovery = "LOCALHOST"
@@ -81,12 +83,14 @@ def launch_nodes(
     actions: list[Any] = []
     # Nodes under load unload before they obey: SIGTERM and SIGKILL leave them the time for it.
     grace = str(2.0 * GRACE_S)
-    for spec in with_arguments(graph, values):
+    for spec in nodes:
         node = Node(
             package=spec.package,
             executable=spec.executable,
             arguments=spec.option_list(),
             parameters=[spec.parameters] if spec.parameters else [],
+            namespace=spec.namespace or None,
+            ros_arguments=spec.ros_words() or None,
             output="screen",
             additional_env={**ONE_BLAS_THREAD, LAUNCHER: str(os.getpid()), RANGE: discovery},
             respawn=spec.restarts,

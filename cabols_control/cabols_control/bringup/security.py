@@ -42,7 +42,10 @@ BESIDE_READ = {
     "supervisor": ("operator_heartbeat",),
 }
 """What nodes read beside the graph's rows, for which no clock and no loop waits."""
-BESIDE_PUBLISHED = {"recorder": ("recording",)}
+BESIDE_PUBLISHED = {
+    "recorder": ("recording",),
+    "frames": ("/tf", "/tf_static", "robot_description"),
+}
 STOPS = ("stop", "stop_received")
 """Whoever moves anything hears stops and acknowledges them; whoever presses one sends them."""
 

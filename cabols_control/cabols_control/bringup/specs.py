@@ -9,6 +9,7 @@ from enum import Enum
 from typing import Any
 
 from cabols_control.errors import ConfigError
+from cabols_control.topics import NAMESPACE
 
 ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Environment of every node: its matrices are tiny, and two cores run the whole graph."""
@@ -22,6 +23,7 @@ class Role(Enum):
     """What a node is for in a graph; a graph is put together by roles, in this order."""
 
     CONSOLE = "operator's page"
+    FRAMES = "frames for viewers"
     RECORDER = "recorder"
     CONTROLLER = "control loop"
     PROGRAM = "load programmes"
@@ -46,6 +48,8 @@ class NodeSpec:
         takes: names of the arguments that it gets.
         fifo_below: how much less than the argument's its real-time priority is.
         restarts: whether it is started again when it ends; the graph goes on without it.
+        namespace: that it joins; empty: its own default.
+        log_level: of its logger; empty: its own default.
     """
 
     package: str
@@ -58,6 +62,13 @@ class NodeSpec:
     takes: tuple[str, ...] = ()
     fifo_below: int = 0
     restarts: bool = False
+    namespace: str = ""
+    log_level: str = ""
+
+    @property
+    def joins(self) -> bool:
+        """Whether it is a node of the graph, and no server of devices beside it."""
+        return bool(self.reads or self.writes)
 
     def with_parameters(self, **parameters: Any) -> NodeSpec:
         """Return the same node with more parameters."""
@@ -69,13 +80,19 @@ class NodeSpec:
 
     def arguments(self) -> list[str]:
         """Return the command line behind the executable's name."""
-        if not self.parameters:
-            return self.option_list()
-        found = [*self.option_list(), "--ros-args"]
+        ros = [*self.ros_words(), *(["-r", f"__ns:={self.namespace}"] * bool(self.namespace))]
         for name, value in self.parameters.items():
             # JSON is YAML: quotes keep a path or a name from being read as a number.
-            found += ["-p", f"{name}:={json.dumps(value)}"]
-        return found
+            ros += ["-p", f"{name}:={json.dumps(value)}"]
+        return [*self.option_list(), *(["--ros-args", *ros] if ros else [])]
+
+    def ros_words(self) -> list[str]:
+        """Return what ROS is told beside parameters and namespace: the level of the logger."""
+        if not self.log_level:
+            return []
+        logger = f"{self.namespace or NAMESPACE}/{self.executable}".strip("/").replace("/", ".")
+        # Not of all loggers: debug lines of the middleware at the control rate would stop the loop.
+        return ["--log-level", f"{logger}:={self.log_level}"]
 
 
 @dataclass(frozen=True)
@@ -90,6 +107,7 @@ class Argument:
         parameter: the nodes' name for it, where that differs.
         bounds: least and largest value; None for none.
         unit: of the value; empty for none.
+        choices: that there are; empty: not a choice.
     """
 
     name: str
@@ -99,6 +117,7 @@ class Argument:
     parameter: str = ""
     bounds: tuple[float, float] | None = None
     unit: str = ""
+    choices: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -108,11 +127,15 @@ class Argument:
         return f"{self.description}{unit}{bounds}"
 
     def checked(self, value: Any) -> Any:
-        """Return a value that is within the bounds.
+        """Return a value that is within the bounds and of the choices.
 
         Raises:
             ConfigError: if it is not; NaN is not.
         """
+        if self.choices and value not in self.choices:
+            raise ConfigError(
+                f"{self.name}: expected one of {', '.join(self.choices)}, got {value!r}"
+            )
         if self.bounds is not None and not self.bounds[0] <= value <= self.bounds[1]:
             low, high = self.bounds
             unit = f" {self.unit}" if self.unit else ""

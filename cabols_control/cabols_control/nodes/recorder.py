@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.names import relative
+from cabols_control.bringup.argument_text import listed_topics
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.errors import ConfigError
 from cabols_control.realtime.scheduling import be_ordinary
@@ -29,7 +30,7 @@ from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.recording import Recording
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING
-from cabols_control.topics import RECORDED
+from cabols_control.topics import RECORDED, Topic, foreign_row, topic_row
 
 IDLE_REPORT_S = 1.0
 SPACE_S = 1.0
@@ -62,7 +63,8 @@ class RecorderNode(ControlNode):
         self._description = declare_row(self, CONTROL_NODES.argument("description"))
         self._free_space = declare_row(self, CONTROL_NODES.argument("free_space"))
         at_once = declare_row(self, CONTROL_NODES.argument("record_at_start"))
-        self._topic_names = _checked(names)
+        also = declare_row(self, CONTROL_NODES.argument("record_also"))
+        self._rows = [*_checked(names), *_further(also)]
         self._failure: BaseException | None = None
         self._no_space = False
         self._told = self.create_publisher(String, "recording", topic_qos("recording"))
@@ -124,7 +126,7 @@ class RecorderNode(ControlNode):
         if lack := lack_of_space(folder, self._free_space):
             raise BagError(lack)
         texts = {"description": self._description, **self._rig_texts()}
-        return Recording(self, folder, self._topic_names, texts, self._period, self._ended)
+        return Recording(self, folder, self._rows, texts, self._period, self._ended)
 
     def begin(self) -> None:
         """Start recording."""
@@ -248,7 +250,22 @@ def lack_of_space(folder: Path, least_gb: float) -> str:
     )
 
 
-def _checked(names: list[str]) -> list[str]:
+def _further(text: str) -> list[Topic]:
+    """Rows of topics beside the graph's.
+
+    Raises:
+        ConfigError: if one has no such name or type, or its type is not installed here.
+    """
+    try:
+        rows = [foreign_row(name) for name in listed_topics(text)]
+        for row in rows:
+            topics.class_of(row.type_name)
+    except (ValueError, ImportError, AttributeError) as error:
+        raise ConfigError(f"record_also: {error}; is its package installed?") from error
+    return rows
+
+
+def _checked(names: list[str]) -> list[Topic]:
     chosen = list(dict.fromkeys(relative(name) for name in names if name))
     unknown = [name for name in chosen if name not in topics.TYPES]
     if unknown or not chosen:
@@ -256,7 +273,7 @@ def _checked(names: list[str]) -> list[str]:
             f"topics: expected some of {', '.join(topics.TYPES)}, "
             f"got {', '.join(unknown) or 'none'}; correct the parameter"
         )
-    return chosen
+    return [topic_row(name) for name in chosen]
 
 
 def main() -> int:

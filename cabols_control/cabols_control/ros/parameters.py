@@ -23,6 +23,8 @@ def declare(
 ) -> Any:
     """Declare a read-only parameter and return its value."""
     descriptor = ParameterDescriptor(description=description, read_only=True)
+    if bounds is not None and isinstance(default, list):
+        bounds = None  # ROS bounds numbers alone; launch has checked each of them.
     if bounds is not None and isinstance(default, int):
         descriptor.integer_range = [
             IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)
@@ -81,7 +83,7 @@ def declare_scheduling(node: Node) -> Scheduling:
     """Declare the scheduling that the control thread requests from the kernel."""
     return Scheduling(
         fifo_priority=declare_row(node, CONTROL_NODES.argument("fifo_priority")),
-        lock_memory=declare(node, "lock_memory", False, "lock all pages in memory"),
+        lock_memory=declare_row(node, CONTROL_NODES.argument("lock_memory")),
         cpu=declare(node, "cpu", -1, "core to run on; -1: any", (-1, 1023)),
         cpu_latency_us=declare_row(node, CONTROL_NODES.argument("cpu_latency_us")),
     )

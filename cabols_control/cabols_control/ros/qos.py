@@ -21,6 +21,19 @@ def topic_qos(topic: str, lockstep: bool = False, depth: int | None = None) -> Q
         KeyError: if the graph has no such topic.
     """
     quality = Quality.LIVE if topic.startswith(LIVE) else topic_row(topic).quality
+    profile = quality_qos(quality, lockstep)
+    if depth is not None:
+        profile.depth = depth
+    return profile
+
+
+def quality_qos(quality: Quality, lockstep: bool = False) -> QoSProfile:
+    """Return the quality of service that a row's quality stands for.
+
+    Args:
+        quality: of the topic's table.
+        lockstep: whether the clock waits for each message.
+    """
     if quality == Quality.CONTROL:
         profile = control_qos(lockstep)
     elif quality == Quality.LIVE:
@@ -29,8 +42,6 @@ def topic_qos(topic: str, lockstep: bool = False, depth: int | None = None) -> Q
         profile = status_qos()
     else:
         profile = latched_qos(lockstep and quality == Quality.MODE)
-    if depth is not None:
-        profile.depth = depth
     return profile
 
 

@@ -13,8 +13,8 @@ from cabols_control.bags.lost_messages import LostMessages
 from cabols_control.ros import topics
 from cabols_control.ros.loop import subscribe_aside
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.qos import topic_qos
-from cabols_control.topics import topic_row
+from cabols_control.ros.qos import quality_qos
+from cabols_control.topics import Topic
 
 QUEUE_DEPTH = 4000
 CLOCK_TOPIC = "limb_state"
@@ -29,29 +29,31 @@ class RecordedTopic:
     Attributes:
         offered: quality of service that its publishers offer.
         missing: counts the messages that were lost.
+        type_name: as in `cabols_msgs/msg/LimbState`.
         count: messages so far.
     """
 
-    def __init__(self, node: ControlNode, topic: str) -> None:
-        """Subscribe, with or without a publisher; to a topic of the control loop in join()."""
-        self.name = topic
-        self.offered = topic_qos(topic, node.lockstep)
+    def __init__(self, node: ControlNode, row: Topic) -> None:
+        """Subscribe, with or without a publisher; to a topic of the control loop in join().
+
+        Args:
+            node: owner of the subscription.
+            row: of the topic.
+        """
+        self.name = topic = row.name
+        self.offered = quality_qos(row.quality, node.lockstep)
         self.missing = LostMessages(lambda: node.count_publishers(topic))
         self.count = 0
         self._node = node
-        self._type = topics.message_type(topic)
+        self.type_name = row.type_name
+        self._type = topics.class_of(row.type_name)
         self._log_time_ns = 0
         self._subscription: Any = None
         self._policy = JoinPolicy()
         # Fast DDS sends a message to its readers in the order in which it matched them. With the
         # loop's own readers first, the loop's delay is some 30 us shorter.
-        if node.lockstep or not topic_row(topic).in_loop:
+        if node.lockstep or not row.in_loop:
             self._subscribe()
-
-    @property
-    def type_name(self) -> str:
-        """Name as in `cabols_msgs/msg/LimbState`."""
-        return topic_row(self.name).type_name
 
     @property
     def joined(self) -> bool:

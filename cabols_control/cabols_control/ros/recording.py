@@ -21,6 +21,7 @@ from cabols_control.ros.loop import IDLE_NS, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode
 from cabols_control.ros.recorded_topic import Item, RecordedTopic
 from cabols_control.stamps import first_stamp
+from cabols_control.topics import Topic
 
 GATHER_S = 0.02
 """Period in which waiting messages are taken [s]; the middleware stamps their reception."""
@@ -40,7 +41,7 @@ class Recording:
         self,
         node: ControlNode,
         folder: Path,
-        names: list[str],
+        rows: list[Topic],
         texts: dict[str, str],
         period_s: float,
         on_end: Callable[[bool], None],
@@ -50,7 +51,7 @@ class Recording:
         Args:
             node: owner of subscriptions and status.
             folder: of the bag; new or empty.
-            names: topics, relative to the namespace.
+            rows: of the topics.
             texts: for the bag's metadata.
             period_s: between two flushes [s].
             on_end: called by each thread at its end, with whether it failed.
@@ -62,7 +63,7 @@ class Recording:
         self._period = period_s
         self._on_end = on_end
         self._writer = BagWriter(folder, texts)
-        self._topics = [RecordedTopic(node, name) for name in names]
+        self._topics = [RecordedTopic(node, row) for row in rows]
         for topic in self._topics:
             qos = OfferedQos(
                 topic.offered.depth,

@@ -34,7 +34,20 @@ def message_type(topic: str) -> type:
     Raises:
         KeyError: if the graph has no such topic.
     """
-    package, _, name = topic_row(topic).type_name.partition("/msg/")
+    return class_of(topic_row(topic).type_name)
+
+
+def class_of(type_name: str) -> type:
+    """Return the message class of a type such as std_msgs/msg/String.
+
+    Args:
+        type_name: its name.
+
+    Raises:
+        ModuleNotFoundError: if its package is not installed.
+        AttributeError: if the package has no such type.
+    """
+    package, _, name = type_name.partition("/msg/")
     found: type = getattr(import_module(f"{package}.msg"), name)
     return found
 

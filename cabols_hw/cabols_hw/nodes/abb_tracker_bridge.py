@@ -89,8 +89,8 @@ class AbbTrackerBridge(ControlNode):
         stale = declare_row(self, HW_NODES.argument("stale_after"))
         self._robot, source = open_robot(self, address, speed, stale)
         base = BaseFrame(
-            declare(self, "robot_position", [0.0] * 3, "m, robot's base in the rig's"),
-            declare(self, "robot_rotation_xyz_deg", [0.0] * 3, "intrinsic x-y-z, of its base"),
+            declare_row(self, HW_NODES.argument("robot_position")),
+            declare_row(self, HW_NODES.argument("robot_rotation_xyz_deg")),
         )
         robot_clock = declare(
             self, "robot_clock", False, "stamps are the controller's time: simulation only"

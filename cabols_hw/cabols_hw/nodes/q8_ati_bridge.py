@@ -9,9 +9,10 @@ import numpy as np
 from cabols_control.rig import Rig
 from cabols_control.ros import topics
 from cabols_control.ros.node import run_node
-from cabols_control.ros.parameters import declare
+from cabols_control.ros.parameters import declare_row
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig
 from cabols_hw.card.daq import CardSample, Daq
 from cabols_hw.card.quanser import open_q8
@@ -20,7 +21,7 @@ from cabols_hw.ros.bridge_node import BridgeNode
 
 def open_card(node: BridgeNode, rig: Rig, card: CardConfig) -> Daq:
     """Open the card that the parameters name."""
-    board = declare(node, "board", "0", "number of the Q8 in this machine")
+    board = declare_row(node, HW_NODES.argument("board"))
     warm_up(rig, card)
     return open_q8(board, card)
 

@@ -66,7 +66,7 @@ def open_robot(
     if maker not in MAKERS:
         raise ConfigError(f"robot_maker: expected one of {', '.join(MAKERS)}, got {maker!r}")
     late_s = declare(node, "late_after", 0.03, "s, delay that counts as late", (0.001, 1.0))
-    rtde_port = declare(node, "rtde_port", 30004, "TCP port of RTDE, of robots of UR", (1, 65535))
+    rtde_port = declare_row(node, HW_NODES.argument("rtde_port"))
     web_port = declare_row(node, HW_NODES.argument("rws_port"))
     egm_port = declare_row(node, HW_NODES.argument("egm_port"))
     url = declare(node, "rws_url", "", "replaces address and port; empty: made of them")
@@ -93,12 +93,7 @@ def read_password(node: ControlNode) -> str:
     Raises:
         ConfigError: if the file cannot be read.
     """
-    path = declare(
-        node,
-        "password_file",
-        "",
-        f"its first line is the password; empty: ${PASSWORD_VARIABLE}, or ABB's default",
-    )
+    path = declare_row(node, HW_NODES.argument("password_file"))
     if not path:
         return os.environ.get(PASSWORD_VARIABLE, "robotics")
     try:

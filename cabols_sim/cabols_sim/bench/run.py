@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import socket
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cabols_control.bringup.graph import with_arguments
 from cabols_control.bringup.processes import GRACE_S, Ended, run
 from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
+from cabols_control.params_file import complete
 from cabols_control.realtime.scheduling import may_limit_wake_up, may_use_fifo
 from cabols_hw.abb.heartbeat import SILENCE_S
 from cabols_sim.bringup_nodes import LOCKSTEP_WATCH_S, Ports, bench_graph
@@ -81,19 +82,27 @@ def forgiving(speed: float = 1.0, stall_s: float = 0.1) -> dict[str, float]:
     }
 
 
-def launched(values: Mapping[str, Any]) -> dict[str, Any]:
+def launched(values: Mapping[str, Any], given: Collection[str]) -> dict[str, Any]:
     """Return the arguments of a launch of the bench: what was not given fits the rig's pace.
 
     Args:
-        values: by name; what was not given is as forgiving() has it at full speed.
+        values: by name.
+        given: names of those that somebody gave.
     """
     pace = forgiving(values["speed"])
     if values["lockstep"]:
         pace["robot_watch"] = LOCKSTEP_WATCH_S
-    return {
-        **values,
-        **{name: pace[name] for name, default in forgiving().items() if values[name] == default},
-    }
+    return {**values, **{name: value for name, value in pace.items() if name not in given}}
+
+
+def free_ports() -> Ports:
+    """Return ports of this machine's loopback that nobody uses now, for a second rig beside one."""
+    kinds = (socket.SOCK_DGRAM, socket.SOCK_DGRAM, *[socket.SOCK_STREAM] * 3)
+    with ExitStack() as held:
+        wires = [held.enter_context(socket.socket(socket.AF_INET, kind)) for kind in kinds]
+        for wire in wires:
+            wire.bind(("127.0.0.1", 0))
+        return Ports(*(int(wire.getsockname()[1]) for wire in wires))
 
 
 def run_bench(
@@ -131,12 +140,13 @@ def run_bench(
         values.get("lockstep", False),
         values.get("record", True),
         values.get("robot", False),
-        ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
+        free_ports() if "namespace" in values else ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
         values.get("campaign", False),
         values.get("console", False),
+        values.get("frames", False),
     )
     values = {"robot_watch": min(SILENCE_S / values.get("speed", 1.0), 10.0), **values}
-    nodes = [_stand_in(node, stand_ins or {}) for node in with_arguments(graph, values)]
+    nodes = [_stand_in(node, stand_ins or {}) for node in complete(graph, values, values)]
     nodes += tools
     with _on_core(values.get("other_cpu", -1)):
         output = (on_line, log_folder)
