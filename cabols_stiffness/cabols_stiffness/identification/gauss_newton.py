@@ -154,7 +154,7 @@ def fit(
     everything = np.ones(k, dtype=np.bool_)
     begin = everything if use is None else use
     found = _gauss_newton(observations, model, start, begin)
-    if not robust or (_inliers(found.distances, m) == begin).all():
+    if not robust or (inliers(found.distances, m) == begin).all():
         return found
 
     def huber(distances: FloatArray) -> FloatArray:
@@ -164,19 +164,25 @@ def fit(
 
     found = _gauss_newton(observations, model, found.parameters, everything, huber, HUBER_STEPS)
     for _ in range(5):
-        use = _inliers(found.distances, m)
+        use = inliers(found.distances, m)
         if not use.mean() >= 1.0 - TOO_MANY:
             raise OutliersError(
                 f"samples: expected at most {100 * TOO_MANY:.0f} % outliers, got {(~use).sum()} of "
                 f"{k}; check units, axes and signs of wrench and deflection"
             )
         found = _gauss_newton(observations, model, found.parameters, use)
-        if (use == _inliers(found.distances, m)).all():
+        if (use == inliers(found.distances, m)).all():
             break
     return found
 
 
-def _inliers(distances: FloatArray, m: IntArray) -> BoolArray:
+def inliers(distances: FloatArray, m: IntArray) -> BoolArray:
+    """(k,) samples that are no outliers.
+
+    Args:
+        distances: (k,) squared, from the model, normalised.
+        m: (k,) numbers that were measured in each.
+    """
     limit = chi2.ppf((1.0 - FALSE_ALARM) ** (1.0 / distances.size), np.maximum(m, 1))
     return np.asarray(distances <= limit * max(_robust_scale(distances, m), 1.0))
 

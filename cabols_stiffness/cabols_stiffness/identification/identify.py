@@ -40,6 +40,7 @@ from cabols_stiffness.identification.observations import (
     Observations,
     start_stiffness,
 )
+from cabols_stiffness.identification.outliers import fit_without_outliers
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.measurements.usable import usable_rows
 from cabols_stiffness.model.result import AS_PUBLISHED, LINEAR, MODELS, Origin, StiffnessResult
@@ -149,7 +150,10 @@ def estimate(
     begin = _start(observations, model, start)
     nothing = np.zeros(observations.robot.n, dtype=np.bool_)
     estimated = Model(model != LINEAR, model == AS_PUBLISHED, None, nothing)
-    found = fit(observations, estimated, begin, robust)
+    if robust and model != AS_PUBLISHED:
+        found = fit_without_outliers(observations, estimated, begin)
+    else:
+        found = fit(observations, estimated, begin, robust)
     travel = np.zeros(observations.robot.n)
     if hysteresis and model != AS_PUBLISHED and has_branches(samples):
         found, estimated, travel = _with_friction(observations, estimated, found, robust)

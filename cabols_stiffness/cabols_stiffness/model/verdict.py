@@ -26,6 +26,7 @@ class Suspect(StrEnum):
 
     NOISE = "noise"
     CONFIGURATIONS = "configurations"
+    SCATTER = "scatter"
     TOOL_POINT = "tool_point"
     WRENCH_POINT = "wrench_point"
     BASE_FRAME = "base_frame"
@@ -44,6 +45,7 @@ class Suspect(StrEnum):
     UNIT = "unit"
     AXES = "axes"
     JOINT_ORDER = "joint_order"
+    JOINT_ZERO = "joint_zero"
     OUTLIERS = "outliers"
 
 

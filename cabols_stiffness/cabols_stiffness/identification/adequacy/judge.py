@@ -10,6 +10,7 @@ from scipy.stats import f as fisher
 
 from cabols_control.checks import FloatArray, IntArray
 from cabols_stiffness.identification.adequacy.normal import (
+    CERTAIN,
     Blocks,
     RandomEffects,
     blocks,
@@ -19,23 +20,26 @@ from cabols_stiffness.identification.adequacy.normal import (
 )
 from cabols_stiffness.identification.adequacy.suspects import suspects
 from cabols_stiffness.identification.adequacy.texts import text_of
-from cabols_stiffness.identification.adequacy.wrong_data import wrong_data
+from cabols_stiffness.identification.adequacy.wrong_data import is_reason, wrong_data
 from cabols_stiffness.identification.gauss_newton import Fitted, Model
 from cabols_stiffness.identification.observations import Observations, whiten
 from cabols_stiffness.model.verdict import Finding, Grade, Suspect, Verdict
 
-FALSE_ALARM = 5e-4
+FALSE_ALARM = 1e-4
 """Chance of each test to name a suspect that is not there."""
-
-CERTAIN = 1e-4
-"""Likewise of chi-square and of Cochran's Q."""
 
 TOO_LARGE = 1.25
 """Root mean square of the normalised residuals beyond which noise that is stated too small no
 longer explains a certain misfit."""
 
-FAR_TOO_LARGE = 3.0
-"""Beyond this one a wrong sign, unit, frame or order is looked for."""
+UNSUSPICIOUS = 0.5
+"""Probability of chi-square above which no wrong sign, unit, frame or order is looked for."""
+
+MOST_SCATTER = 0.8
+"""Standard deviation of the stiffness between configurations beyond which it is no robot's."""
+
+TOLD = 0.05
+"""Relative deviation by noise alone beyond which a joint's own scatter is not judged."""
 
 MATTERS = 0.005
 """Relative change of a joint's stiffness below which a suspect does no harm."""
@@ -101,25 +105,33 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
         text = text_of(Suspect.NOISE, rms)
         findings.append(Finding(Suspect.NOISE, text, 0.0, chance, 0.0, grave))
     if between is not None:
-        text = text_of(Suspect.CONFIGURATIONS, float(between.scatter.max()))
+        # A joint of which the data say little scatters by chance.
+        deviation = np.sqrt(np.diagonal(found.covariance)[:n] * parts.variance)
+        told = ~found.unidentifiable[:n] & (deviation <= TOLD)
+        largest = float(between.scatter[told].max(initial=0.0))
+        far = not largest <= MOST_SCATTER
+        text = text_of(Suspect.SCATTER if far else Suspect.CONFIGURATIONS, largest)
         share = differ.q / max(found.chi_square, 1e-300)
         findings.append(
             Finding(
-                Suspect.CONFIGURATIONS,
+                Suspect.SCATTER if far else Suspect.CONFIGURATIONS,
                 text,
                 share,
                 differ.probability,
                 float(np.abs(between.change[:n]).max()),
-                False,
+                far,
             )
         )
-    if grave_misfit(found):
-        findings += wrong_data(observations.samples, observations.robot)
+    mistakes: list[Finding] = []
+    if not chance > UNSUSPICIOUS or scattered:
+        mistakes = wrong_data(observations.samples, observations.robot, found.line, scattered)
+    findings += mistakes
     findings.sort(key=lambda one: (not one.grave, one.probability, -one.improvement))
     explained, by_axis, share_of_joint = _explained(base, residual, found, n)
     grade = Grade.SCATTERED if between is not None else Grade.GOOD
     if any(one.grave for one in findings):
-        hopeless = not explained > LEAST_EXPLAINED
+        contradicted = not explained > LEAST_EXPLAINED
+        hopeless = contradicted or any(is_reason(one) for one in mistakes)
         grade = Grade.HOPELESS if hopeless else Grade.DOUBTFUL
         between = None
     return Judged(
@@ -140,16 +152,6 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
         ),
         between,
     )
-
-
-def grave_misfit(found: Fitted) -> bool:
-    """Whether a wrong sign, unit, frame or order is worth looking for.
-
-    Args:
-        found: a fit.
-    """
-    rms = float(np.sqrt(found.chi_square / max(found.freedom, 1)))
-    return not rms <= FAR_TOO_LARGE
 
 
 def _named(

@@ -15,6 +15,9 @@ from scipy.stats import f as fisher
 
 from cabols_control.checks import FloatArray, IntArray
 
+CERTAIN = 1e-4
+"""Probability of chi-square, or of Cochran's Q, below which chance does not explain it."""
+
 NONE = 1e-9
 """Relative eigenvalue below which a configuration says nothing along a direction."""
 

@@ -9,6 +9,9 @@ TEXTS = {
     "state the noise as it is, or look for an effect that the model leaves out",
     Suspect.CONFIGURATIONS: "stiffness differs between configurations by up to {percent:.1f} % "
     "(standard deviation); pooled intervals and predictions hold this scatter",
+    Suspect.SCATTER: "stiffness differs between configurations by up to {percent:.0f} % (standard "
+    "deviation), as no robot's does; look for joints in another order, a wrong zero, or loads that "
+    "belong to another configuration",
     Suspect.TOOL_POINT: "the tool point seems to be elsewhere than stated",
     Suspect.WRENCH_POINT: "the wrench seems to be measured about another point than the tool's",
     Suspect.BASE_FRAME: "the tracker's frame seems to be turned against the robot's base",
@@ -27,7 +30,9 @@ TEXTS = {
     Suspect.MAGNITUDE: "the joints' median stiffness is {:.3g} N m/rad, which no robot has; check "
     "the units of force, torque and position",
 }
-WITH_A_NUMBER = frozenset({Suspect.NOISE, Suspect.CONFIGURATIONS, Suspect.MAGNITUDE})
+WITH_A_NUMBER = frozenset(
+    {Suspect.NOISE, Suspect.CONFIGURATIONS, Suspect.SCATTER, Suspect.MAGNITUDE}
+)
 """Those whose text holds the number itself; the others' is a change of stiffness."""
 HARM = "; taken into account, it changes a joint's stiffness by {percent:.1f} %"
 

@@ -1,175 +1,192 @@
 """What a table may have wrong as a whole: a sign, a unit, axes, the order of joints.
 
-Each possibility is tried on the data: they are changed, compliances (none negative) are fitted to
-the undeflected arm's statics, and the misfit is compared with that of the data as they are.
+Each mistake of trials.py is tried: compliances (none negative) are fitted to the undeflected arm's
+statics with it, and the misfit is compared with that of the data as they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
-from itertools import combinations, permutations, product
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from scipy.optimize import nnls
+from scipy.stats import norm
 
 from cabols_control.checks import FloatArray
-from cabols_stiffness.identification.observations import Observations, whiten
-from cabols_stiffness.measurements.samples import PointSamples, Samples
+from cabols_stiffness.identification.adequacy.trials import Data, Statics, Trial
+from cabols_stiffness.identification.observations import (
+    Linearised,
+    Observations,
+    Partial,
+    whiten,
+)
+from cabols_stiffness.measurements.samples import PointSamples, select
 from cabols_stiffness.model.balance import Law
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.verdict import Finding, Suspect
 
+BETTER = 16.0
+"""Least decrease of chi-square, in units of what the mistake leaves for each number. Two models
+that are no part of each other and of which the first is right differ by so much with a probability
+of 3e-5 at most, however little they differ."""
+
+LIKELIER = 6.0
+"""Least decrease of the deviance where configurations differ: their scatter, not the noise, then
+says what is chance."""
+
+EFFECTS = 2
+"""Joints whose scatter makes up most of the misfit: it counts as so many independent numbers for
+each configuration."""
+
 LEAST_GAIN = 0.7
-"""Share of the misfit that a change must remove to be named."""
+"""Share of the excess misfit that a mistake explains if it is the reason; with less it is named
+as a suspicion beside others."""
 
 MOST = 3
-"""Changes that are named, best first."""
+"""Mistakes that are named, best first."""
 
-Data = PointSamples | Samples
-Trial = tuple[Suspect, str, Data]
+NUMBERS = 3_000_000
+"""Of an array of columns that are whitened together."""
+
+MOST_SAMPLES = 1000
+"""Samples on which mistakes are tried; of more, whole groups are drawn."""
 
 
-def wrong_data(samples: Data, robot: RobotModel) -> list[Finding]:
-    """Changes of the data that explain most of the misfit, best first.
+@dataclass(frozen=True)
+class Tried:
+    """Misfit with a mistake.
+
+    Attributes:
+        suspect: what kind of it.
+        text: for people.
+        gain: share of the excess misfit that it explains.
+        better: decrease of chi-square, in units of what is left for each number.
+        likelier: decrease of the deviance if the misfit is of the configurations' scatter.
+    """
+
+    suspect: Suspect
+    text: str
+    gain: float
+    better: float
+    likelier: float
+
+
+def wrong_data(
+    samples: Data, robot: RobotModel, line: Linearised | None = None, scattered: bool = False
+) -> list[Finding]:
+    """Mistakes with which the data fit beyond doubt better, best first.
 
     Args:
-        samples: that contradict the model.
+        samples: as given.
         robot: with its tool.
+        line: a fit's, whose weights are used; None: the measurement's noise alone.
+        scattered: whether configurations differ beyond doubt.
     """
-    before = _misfit(samples, robot)
-    tried = [(_misfit(changed, robot), suspect, text) for suspect, text, changed in
-             _trials(samples, robot)]  # fmt: skip
-    tried.sort(key=lambda one: one[0])
+    tried = try_mistakes(samples, robot, line)
+    most = tried[0].gain if tried else 0.0
     return [
         Finding(
-            suspect=suspect,
-            text=f"{text}: so changed, the data lose {100.0 * (1.0 - misfit / before):.1f} % of "
-            "their misfit",
-            improvement=1.0 - misfit / before,
-            probability=0.0,
+            suspect=one.suspect,
+            text=f"{one.text}: so changed, the data lose {100.0 * one.gain:.1f} % of their misfit",
+            improvement=one.gain,
+            probability=0.0 if is_reason(one) else float(norm.sf(np.sqrt(one.better))),
             shift=float("inf"),
             grave=True,
         )
-        for misfit, suspect, text in tried[:MOST]
-        if misfit < (1.0 - LEAST_GAIN) * before and misfit < 4.0 * tried[0][0]
+        for one in tried[:MOST]
+        if one.better >= BETTER
+        and (one.likelier >= LIKELIER or not scattered)
+        and 1.0 - one.gain <= 4.0 * (1.0 - most) + 0.02
     ]
 
 
-def _misfit(samples: Data, robot: RobotModel) -> float:
-    """Share of the motion's weighted sum of squares that rigid statics leave."""
+def is_reason(one: Tried | Finding) -> bool:
+    """Whether a mistake explains the misfit, and not only some of it.
+
+    Args:
+        one: of the mistakes.
+    """
+    gain = one.gain if isinstance(one, Tried) else one.improvement
+    return gain >= LEAST_GAIN
+
+
+def try_mistakes(samples: Data, robot: RobotModel, line: Linearised | None = None) -> list[Tried]:
+    """Every mistake with its gain, best first.
+
+    Args:
+        samples: as wrong_data.
+        robot: as wrong_data.
+        line: as wrong_data.
+    """
     n = robot.n
-    line = Observations(samples, robot).linearise(Law(np.full(n, 1e12), np.zeros(n)))
-    torque = line.balance.posture.torque(line.balance.wrench)
-    rows = whiten(line, line.motion * torque[:, None, :], samples, np.ones(len(samples)))
-    matrix, target = rows.columns.reshape(-1, n), rows.residual.ravel()
+    if line is None:
+        line = Observations(samples, robot).linearise(Law(np.full(n, 1e12), np.zeros(n)))
+    samples, line = _drawn(samples, line)
+    statics = Statics(samples, robot)
+    (before,), numbers = _misfits([statics.right()], samples, line)
+    count = max(1, NUMBERS // max(line.residual.size * (n + 1), 1))
+    effects = EFFECTS * max(np.unique(samples.configuration).size - 1, 1)
+    found: list[Tried] = []
+    trials = statics.trials()
+    while some := list(islice(trials, count)):
+        misfits, _ = _misfits(some, samples, line)
+        for trial, after in zip(some, misfits, strict=True):
+            less = before - after
+            gain = less / max(before - numbers, less, 1e-300)
+            better = less / max(1.0, after / max(numbers, 1.0))
+            likelier = effects * np.log(max(before, 1e-300) / max(after, 1e-300))
+            found.append(Tried(trial.suspect, trial.text, gain, better, float(likelier)))
+    found.sort(key=lambda one: -one.better)
+    return found
+
+
+def _drawn(samples: Data, line: Linearised) -> tuple[Data, Linearised]:
+    """At most about MOST_SAMPLES, in whole groups."""
+    if len(samples) <= MOST_SAMPLES:
+        return samples, line
+    group = samples.group if isinstance(samples, PointSamples) else np.arange(len(samples))
+    names, index, sizes = np.unique(group, return_inverse=True, return_counts=True)
+    order = np.random.default_rng(0).permutation(names.size)
+    taken = np.cumsum(sizes[order]) <= MOST_SAMPLES
+    taken[0] = True
+    chosen = np.zeros(names.size, dtype=np.bool_)
+    chosen[order[taken]] = True
+    rows = np.flatnonzero(chosen[index.ravel()])[: 4 * MOST_SAMPLES]
+    partial = line.partial
+    if partial is not None:
+        partial = Partial(partial.basis[rows], partial.seen[rows])
+    part = replace(
+        line,
+        residual=line.residual[rows],
+        motion=line.motion[rows],
+        covariance=line.covariance[rows],
+        partial=partial,
+    )
+    if isinstance(samples, PointSamples):
+        return select(samples, rows), part
+    return select(samples, rows), part
+
+
+def _misfits(trials: Sequence[Trial], samples: Data, line: Linearised) -> tuple[list[float], float]:
+    """Chi-square of each trial's best fit, and how much noise alone would leave."""
+    value = samples.position if isinstance(samples, PointSamples) else samples.deflection
+    parts = [
+        np.concatenate([(value - one.predicted)[..., None], one.columns], axis=2) for one in trials
+    ]
+    stacked = np.nan_to_num(np.concatenate(parts, axis=2))
+    rows = whiten(line, stacked, samples, np.ones(len(samples)))
+    width = parts[0].shape[2]
+    matrix = rows.columns.reshape(-1, len(parts), width).swapaxes(0, 1)
+    misfits = [_misfit(one) for one in np.linalg.qr(matrix, mode="r")]
+    measured = int((np.abs(rows.residual) > 0.0).sum())
+    return misfits, float(measured - rows.shared - (width - 1))
+
+
+def _misfit(triangle: FloatArray) -> float:
+    """Least squares without negative compliance, of the triangle (n + 1, n + 1)."""
+    target, matrix = triangle[:, 0], triangle[:, 1:]
     length = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
     _, left = nnls(matrix / length, target)
-    return float((left / max(float(np.linalg.norm(target)), 1e-300)) ** 2)
-
-
-def _trials(samples: Data, robot: RobotModel) -> Iterator[Trial]:
-    yield from _of_wrench(samples)
-    yield from _of_motion(samples)
-    yield from _of_joints(samples, robot)
-
-
-def _of_wrench(samples: Data) -> Iterator[Trial]:
-    whole, force, torque = np.ones(6), np.repeat([1.0, 0.0], 3), np.repeat([0.0, 1.0], 3)
-    signs = (("wrench", whole), ("forces", force), ("torques", torque))
-    for name, which in signs:
-        text = f"the sign of the {name} seems wrong"
-        yield Suspect.SIGN, text, _scaled(samples, 1.0 - 2.0 * which)
-    units = (
-        ("torques seem to be in N mm", 1.0 - torque + 1e-3 * torque),
-        ("torques seem to be in kN m", 1.0 - torque + 1e3 * torque),
-        ("forces seem to be in kN", 1.0 - force + 1e3 * force),
-        ("forces seem to be in mN", 1.0 - force + 1e-3 * force),
-    )
-    for text, factor in units:
-        yield Suspect.UNIT, text, _scaled(samples, factor)
-    for matrix, text in _axes():
-        both = np.kron(np.eye(2), matrix)
-        covariance = both @ samples.wrench_covariance @ both.T
-        changed = replace(samples, wrench=samples.wrench @ both.T, wrench_covariance=covariance)
-        yield Suspect.AXES, f"the wrench's axes seem to be {text}", changed
-
-
-def _of_motion(samples: Data) -> Iterator[Trial]:
-    for factor, unit in ((1e-3, "mm"), (1e3, "km"), (1e-6, "um")):
-        yield Suspect.UNIT, f"positions seem to be in {unit}", _resized(samples, factor)
-    if isinstance(samples, Samples):
-        half = np.repeat([1.0, np.pi / 180.0], 3)
-        covariance = samples.deflection_covariance * np.outer(half, half)
-        degrees = replace(
-            samples, deflection=samples.deflection * half, deflection_covariance=covariance
-        )
-        yield Suspect.UNIT, "rotations seem to be in degrees", degrees
-    for matrix, text in _axes():
-        if isinstance(samples, PointSamples):
-            covariance = matrix @ samples.position_covariance @ matrix.T
-            position = samples.position @ matrix.T
-            changed: Data = replace(samples, position=position, position_covariance=covariance)
-        else:
-            both = np.kron(np.eye(2), matrix)
-            changed = replace(
-                samples,
-                deflection=samples.deflection @ both.T,
-                deflection_covariance=both @ samples.deflection_covariance @ both.T,
-            )
-        yield Suspect.AXES, f"the tracker's axes seem to be {text} in the robot's base", changed
-
-
-def _of_joints(samples: Data, robot: RobotModel) -> Iterator[Trial]:
-    q = samples.joints
-    yield Suspect.UNIT, "joints seem to be in degrees", replace(samples, joints=np.radians(q))
-    yield (
-        Suspect.UNIT,
-        "joints seem to be in radians, read as degrees",
-        replace(samples, joints=np.degrees(q)),
-    )
-    for j in range(robot.n):
-        turned = q.copy()
-        turned[:, j] *= -1.0
-        text = f"the sign of {robot.joint_names[j]} seems wrong"
-        yield Suspect.SIGN, text, replace(samples, joints=turned)
-    for i, j in combinations(range(robot.n), 2):
-        order = np.arange(robot.n)
-        order[[i, j]] = j, i
-        text = f"{robot.joint_names[i]} and {robot.joint_names[j]} seem to be exchanged"
-        yield Suspect.JOINT_ORDER, text, replace(samples, joints=q[:, order])
-
-
-def _scaled(samples: Data, factor: FloatArray) -> Data:
-    covariance = samples.wrench_covariance * np.outer(factor, factor)
-    return replace(samples, wrench=samples.wrench * factor, wrench_covariance=covariance)
-
-
-def _resized(samples: Data, factor: float) -> Data:
-    if isinstance(samples, PointSamples):
-        return replace(
-            samples,
-            position=factor * samples.position,
-            offset=factor * samples.offset,
-            position_covariance=factor**2 * samples.position_covariance,
-        )
-    scale = np.repeat([factor, 1.0], 3)
-    covariance = samples.deflection_covariance * np.outer(scale, scale)
-    return replace(samples, deflection=samples.deflection * scale, deflection_covariance=covariance)
-
-
-def _axes() -> Iterator[tuple[FloatArray, str]]:
-    """Signed permutations of the axes, but the identity; mirrored ones among them."""
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            matrix = np.diag(signs)[:, list(order)]
-            # Not as they are, nor all reversed: that is the wrench's sign.
-            if order == (0, 1, 2) and len(set(signs)) == 1:
-                continue
-            names = ", ".join(_axis(row) for row in matrix)
-            mirrored = "" if np.linalg.det(matrix) > 0.0 else " (mirrored)"
-            yield matrix, f"({names}){mirrored}"
-
-
-def _axis(row: FloatArray) -> str:
-    return ("-" if row.sum() < 0.0 else "") + "xyz"[int(np.abs(row).argmax())]
+    return float(left) ** 2

@@ -1,0 +1,89 @@
+"""Outliers where the stiffness differs between configurations.
+
+A sample of a configuration that is stiffer than the others lies as far from the pooled model as a
+gross error does, and must not be left out for it. Its distance is therefore taken with the scatter
+between configurations beside its noise (the marginal residual of a mixed model; Laird and Ware,
+Biometrics 38 (1982) 963).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cabols_control.checks import BoolArray, FloatArray
+from cabols_stiffness.identification.adequacy.normal import (
+    CERTAIN,
+    Blocks,
+    blocks,
+    heterogeneity,
+    random_effects,
+)
+from cabols_stiffness.identification.gauss_newton import (
+    Fitted,
+    Model,
+    OutliersError,
+    Parameters,
+    fit,
+    inliers,
+)
+from cabols_stiffness.identification.observations import Observations, Whitened, whiten
+
+MOST_SCATTER = 0.35
+"""Standard deviation between configurations that a sample is allowed."""
+
+MOST_VARIANCE = 1.5
+"""Of the residuals within configurations, in units of the stated noise, beyond which scatter does
+not explain the misfit."""
+
+
+def fit_without_outliers(observations: Observations, model: Model, start: Parameters) -> Fitted:
+    """Fit; samples are outliers only if the scatter between configurations does not explain them.
+
+    Args:
+        observations: as fit.
+        model: as fit.
+        start: as fit.
+
+    Raises:
+        IdentificationError: as fit.
+    """
+    refused: OutliersError | None = None
+    found: Fitted | None = None
+    try:
+        found = fit(observations, model, start)
+    except OutliersError as error:
+        refused = error
+    if found is not None and found.use.all():
+        return found
+    other = _scattered(observations, model, start)
+    if other is not None and (found is None or other.use.sum() > found.use.sum()):
+        return other
+    if found is None:
+        assert refused is not None
+        raise refused
+    return found
+
+
+def _scattered(observations: Observations, model: Model, start: Parameters) -> Fitted | None:
+    """Fit with the samples that scatter explains; None where it does not explain the misfit."""
+    whole = fit(observations, model, start, robust=False)
+    rows, parts = _parts(observations, whole)
+    if len(parts.configuration) < 3 or not heterogeneity(parts).probability < CERTAIN:
+        return None
+    n = whole.deflection.shape[1]
+    scatter = np.minimum(random_effects(parts, n).scatter, MOST_SCATTER)
+    own = rows.columns[:, :, :n] * scatter
+    spread = own @ own.swapaxes(1, 2) + np.eye(own.shape[1])
+    weighted = np.linalg.solve(spread, rows.residual[..., None])[..., 0]
+    use: BoolArray = inliers(np.sum(rows.residual * weighted, axis=1), observations.numbers)
+    found = fit(observations, model, whole.parameters, robust=False, use=use)
+    return found if _parts(observations, found)[1].variance <= MOST_VARIANCE else None
+
+
+def _parts(observations: Observations, found: Fitted) -> tuple[Whitened, Blocks]:
+    use = found.use
+    rows = whiten(found.line, found.columns, observations.samples, use.astype(np.float64))
+    measured: FloatArray = observations.numbers[use].astype(np.float64)
+    numbers = measured - rows.shared / max(int(use.sum()), 1)
+    configuration = observations.samples.configuration[use]
+    return rows, blocks(rows.columns[use], rows.residual[use], numbers, configuration)
