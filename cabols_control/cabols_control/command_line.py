@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import functools
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -145,6 +146,19 @@ def command(main: Callable[Parameters, int]) -> Callable[Parameters, int]:
             return fail("interrupted", INTERRUPTED)
 
     return guarded
+
+
+def interrupt_once() -> None:
+    """Let the first SIGINT or SIGTERM raise a KeyboardInterrupt; later ones do nothing."""
+    signals = (signal.SIGINT, signal.SIGTERM)
+
+    def interrupt(*_: object) -> None:
+        for each in signals:
+            signal.signal(each, lambda *_: None)
+        raise KeyboardInterrupt
+
+    for each in signals:
+        signal.signal(each, interrupt)
 
 
 def fail(text: str, code: int) -> int:

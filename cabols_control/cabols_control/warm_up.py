@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cabols_control.kinematics import structure_matrix
 from cabols_control.limb import identify_limb
 from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.rig import Rig, load_rig
@@ -41,6 +42,13 @@ def warm_limb_messages(rig: Rig, limbs: list[int], state: Any, answer: Any) -> N
     for stamp_s in (0.001, 0.002, 0.002):
         setpoint = TensionSetpoint(stamp_s, np.full(len(limbs), 10.0), True)
         controller.answer(stamp_s, OperatingMode.LOADING, setpoint, state, answer)
+
+
+def warm_commissioning(rig: Rig) -> None:
+    """Compile or load what commissioning calls beside a running control loop."""
+    pose = read_pose(np.array([*rig.geometry.reference_position, 0.0, 0.0, 0.0, 1.0]))
+    if pose is not None:
+        structure_matrix(rig.geometry, *pose)
 
 
 def warm_wrenches(rig: Rig) -> None:
@@ -81,6 +89,7 @@ def main() -> None:
     """Call every compiled kernel of this package once."""
     rig = load_rig()
     warm_limbs(rig)
+    warm_commissioning(rig)
     warm_wrenches(rig)
     matrix = np.random.default_rng(0).normal(size=(6, rig.geometry.cables))
     distribute(matrix, np.zeros(6), 1.0, 100.0)

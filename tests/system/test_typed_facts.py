@@ -40,7 +40,7 @@ ALLOWED = {
     "cabols_control/rig_folder.py find_rig": "name or folder of a rig",
     # A text is shown again only if it has changed; what it says is not looked at.
     "cabols_control/console/latest.py tell": "the same line within a second is shown once",
-    "cabols_control/nodes/commission.py run": "a refusal is shown once",
+    "cabols_control/ros/limb_commissioning.py commission_limb": "a refusal is shown once",
     "cabols_control/console/static/panels.js": "an element is written only if its text changes",
     "cabols_stiffness/nodes/run_campaign.py _show": "a note is shown once",
     "cabols_stiffness/nodes/stiffness_campaign.py _judge": "a refusal is logged once",

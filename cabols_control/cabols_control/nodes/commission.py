@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
-from cabols_msgs.action import CommissionLimb
 from numpy.lib.recfunctions import structured_to_unstructured
-from rclpy.action import ActionClient
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from cabols_control.command_line import (
@@ -23,6 +19,7 @@ from cabols_control.command_line import (
     INTERRUPTED,
     command,
     fail,
+    interrupt_once,
 )
 from cabols_control.commissioning.command import commission_parser
 from cabols_control.commissioning.figures import draw_limb, draw_overview, modelled_step, save
@@ -37,81 +34,63 @@ from cabols_control.errors import CabolsError, UsageError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import limb_index, limb_name, number
 from cabols_control.output_folder import MARKER, output_folder
-from cabols_control.result_code import NOT_YET, ResultCode
 from cabols_control.rig import Rig, load_rig
-from cabols_control.ros import transport
+from cabols_control.ros.limb_commissioning import commission_limb
 from cabols_control.ros.limb_trace import LimbTrace
-from cabols_control.ros.threads.node_executor import NodeExecutor
-from cabols_control.topics import NAMESPACE
+from cabols_control.ros.rig_client import RigClient
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
-FOUND_S = 180.0
-"""Longest wait for the action; a first start compiles for a minute or two [s]."""
 LIMB_S = 180.0
 """Longest commissioning of one limb [s]."""
-START_S = 60.0
-"""Time for which a refusal is tried again [s]: nodes that compile at first start are silent."""
-AT_ONCE_S = 2.0
-"""Longest time to a refusal that comes before any motion [s]."""
 
 
 class Tool:
-    """Client of commission_limb with a trace of what it did."""
+    """Commissions limbs through a client, with a trace of what they did."""
 
-    def __init__(self, rig: Rig, speed: float) -> None:
-        """Make a node; nothing moves yet.
+    def __init__(self, client: RigClient, rig: Rig, speed: float) -> None:
+        """Use a client; nothing moves yet.
 
         Args:
+            client: of the running rig; its owner closes it.
             rig: as configured.
             speed: rate of the rig's time; below 1 in simulated slow motion.
         """
         self._rig = rig
-        self._node = rclpy.create_node("commission", namespace=NAMESPACE)
-        self._client = ActionClient(self._node, CommissionLimb, "commission_limb")
-        self._executor = NodeExecutor()
-        self._executor.add_node(self._node)
-        self._trace = LimbTrace(self._node, rig)
+        self._client = client
+        self._trace = LimbTrace(client.node, rig)
         self._trace.start()
         self._began = time.monotonic()
         self._limb_s = LIMB_S / speed
         self._phase = ""
 
     def close(self) -> None:
-        """End."""
+        """End the trace."""
         self._trace.stop()
-        self._executor.remove_node(self._node)
-        self._client.destroy()
-        self._node.destroy_node()
 
     def say(self, text: str) -> None:
         """Print a line with the time since start."""
         print(f"  {time.monotonic() - self._began:5.1f} s  {text}", flush=True)
 
-    def find(self) -> bool:
-        """Wait for the action; return whether it is available."""
-        while not self._client.server_is_ready():
-            if time.monotonic() - self._began > FOUND_S:
-                return False
-            self._executor.spin_once(timeout_sec=0.2)
-        return True
+    def run(self, limb: int, **goal: Any) -> tuple[bool, LimbResult]:
+        """Commission one limb.
 
-    def run(self, goal: CommissionLimb.Goal) -> tuple[bool, LimbResult]:
-        """Commission one limb; a refusal before any motion is tried again for a while."""
-        give_up = time.monotonic() + START_S
-        told = ""
-        while True:
-            sent = time.monotonic()
-            result = self._run_once(goal)
-            now = time.monotonic()
-            refused = result.code in (*NOT_YET, ResultCode.FAULT_REPORTED)
-            if not refused or now - sent > AT_ONCE_S or now > give_up:
-                break
-            if result.message != told:
-                told = result.message
-                self.say(f"waiting: {told}")
-            self._wait(0.5)
+        Args:
+            limb: from 0.
+            goal: other fields of CommissionLimb's goal.
+
+        Returns:
+            Whether it succeeded, and what was found.
+
+        Raises:
+            RigError: if the rig does not carry it out.
+        """
+        self._phase = ""
+        self._trace.begin(limb)
+        result = commission_limb(
+            self._client, self._limb_s, self._wait, self._hear, limb=limb, **goal
+        )
         found = LimbResult(
-            goal.limb,
+            limb,
             result.gain,
             result.time_constant,
             result.fit,
@@ -121,36 +100,12 @@ class Tool:
         )
         return bool(result.success), found
 
-    def _wait(self, seconds: float) -> None:
-        until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
+    def _wait(self, reason: str) -> None:
+        self._trace.restart()
+        self.say(f"waiting: {reason}")
 
-    def _run_once(self, goal: CommissionLimb.Goal) -> Any:
-        self._phase = ""
-        self._trace.begin(goal.limb)
-        handle = self._result(self._client.send_goal_async(goal, self._hear), 10.0)
-        future = handle.get_result_async()
-        try:
-            return self._result(future, self._limb_s).result
-        except (KeyboardInterrupt, TimeoutError):
-            self.say("cancelling")
-            handle.cancel_goal_async()
-            until = time.monotonic() + 2.0
-            while not future.done() and time.monotonic() < until:
-                self._executor.spin_once(timeout_sec=0.1)
-            raise
-
-    def _result(self, future: Any, seconds: float) -> Any:
-        until = time.monotonic() + seconds
-        while not future.done():
-            if time.monotonic() > until:
-                raise TimeoutError(f"commission_limb: no answer within {seconds:g} s")
-            self._executor.spin_once(timeout_sec=0.2)
-        return future.result()
-
-    def _hear(self, message: Any) -> None:
-        phase = message.feedback.phase
+    def _hear(self, feedback: Any) -> None:
+        phase = feedback.phase
         if phase != self._phase and phase in PHASES:
             self._phase = phase
             self._trace.phase = PHASES.index(phase)
@@ -206,10 +161,6 @@ def _arguments() -> argparse.Namespace:
     return arguments
 
 
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
 @command
 def main() -> int:
     """Commission; returns 0, 1 after a failure, 2 for bad arguments, 130 after Ctrl-C."""
@@ -232,21 +183,19 @@ def main() -> int:
 
 def _run(arguments: argparse.Namespace, rig: Rig, limbs: list[int]) -> int:
     """Join the graph, commission the limbs, print what was found."""
-    for which in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(which, _interrupt)
-    transport.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    tool = Tool(rig, arguments.speed)
+    interrupt_once()
     results: dict[int, LimbResult] = {}
     try:
-        code = _commission(tool, rig, limbs, arguments, results)
+        with (
+            RigClient(name="commission", speed=arguments.speed) as client,
+            closing(Tool(client, rig, arguments.speed)) as tool,
+        ):
+            code = _commission(tool, rig, limbs, arguments, results)
     except KeyboardInterrupt:
         print(f"interrupted: {len(results)} of {len(limbs)} limbs done", file=sys.stderr)
         code = INTERRUPTED
-    except (CabolsError, TimeoutError) as error:
+    except CabolsError as error:
         code = fail(str(error), FAILED)
-    finally:
-        tool.close()
-        rclpy.try_shutdown()
     if results:
         print(table(rig, results))
         for path in sorted(arguments.output.iterdir()):
@@ -262,18 +211,15 @@ def _commission(
     arguments: argparse.Namespace,
     results: dict[int, LimbResult],
 ) -> int:
-    if not tool.find():
-        return fail("no action commission_limb: is the rig running?", FAILED)
     for limb in limbs:
         tool.say(f"{limb_name(limb)} of {rig.geometry.cables}")
-        goal = CommissionLimb.Goal(
-            limb=limb,
+        done, result = tool.run(
+            limb,
             step=not arguments.no_step,
             ramp=not arguments.no_ramp,
             step_current=arguments.step_current,
             ramp_tension=arguments.ramp_tension,
         )
-        done, result = tool.run(goal)
         tool.say(f"{limb_name(limb)}: {result.message}")
         if not done:
             return fail(f"{limb_name(limb)}: {result.message}", FAILED)

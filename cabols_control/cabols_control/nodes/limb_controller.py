@@ -20,7 +20,7 @@ from cabols_control.ros.sessions import ModeInput, same_session
 from cabols_control.ros.stops import PRESSED, StopReceiver
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
-from cabols_control.warm_up import warm_limb_messages
+from cabols_control.warm_up import warm_commissioning, warm_limb_messages
 
 MODE_TIMEOUT_S = 0.5
 BRIDGE_SILENT_S = 0.5
@@ -70,6 +70,7 @@ class LimbControllerNode(ControlNode):
         self._state_dtype = state_layout.compiled_dtype
         nothing = np.frombuffer(state_layout.record().raw(), self._state_dtype, 1)
         warm_limb_messages(self.rig, limbs, nothing, layout.record().compiled)
+        warm_commissioning(self.rig)
         self._loop = ControlLoop(
             self,
             self._state,

@@ -55,6 +55,10 @@ class LimbTrace:
         with self._lock:
             self._rows, self._limb, self.phase = [], limb, 0
 
+    def restart(self) -> None:
+        """Drop all rows; go on with the same limb."""
+        self.begin(self._limb)
+
     def rows(self) -> np.ndarray:
         """(k,) records of ROW; the current of a row was on the motor until the row's time."""
         with self._lock:

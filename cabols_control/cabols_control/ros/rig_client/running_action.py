@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 from cabols_control.ros.rig_client.connection import RigConnection
-from cabols_control.ros.rig_client.errors import ActionFailedError
+from cabols_control.ros.rig_client.errors import (
+    AbandonedError,
+    ActionFailedError,
+    RigTimeoutError,
+)
 
 CANCEL_S = 10.0
+"""Longest wait for the end of a cancelled action [s]."""
+LEAVE_S = 3.0
+"""The same where another error is on its way to the caller [s]."""
 
 
 class RunningAction:
@@ -48,8 +56,9 @@ class RunningAction:
             what = f"the end of {self.name}"
             self._client.wait(lambda: self.done, what, timeout_s, even_in_fault)
         except BaseException:
-            if not self.done:
-                self._client.calls.cancel(self._handle)
+            # Waited for, too: a client that leaves at once takes the unsent request with it.
+            with suppress(RigTimeoutError, AbandonedError):
+                self.cancel(LEAVE_S)
             raise
         result = self._future.result().result
         if not result.success:
