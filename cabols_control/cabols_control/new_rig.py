@@ -1,5 +1,7 @@
 """Make the folder of a new rig: a copy of the reference bench's, for 7, 8 or 10 cables.
 
+With `--robot` another arm of six joints holds the platform where the bench's robot does.
+
 Never writes into an existing folder. Edit the files, then check them with `check_rig`.
 """
 
@@ -8,8 +10,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from cabols_control.command_line import DONE, CommandParser, command
+from cabols_control.command_line import DONE, CommandParser, command, existing_path
 from cabols_control.errors import UsageError
+from cabols_control.new_rig_robot import robot_files
 from cabols_control.rig_folder import BENCH, FILES, find_rig
 
 CHANNELS = 8
@@ -45,18 +48,23 @@ POINTS = {
 """Base and platform points [m]: of all seven cables; of those that ten have besides the bench's."""
 
 
-def make_rig(folder: Path, cables: int = EIGHT) -> list[Path]:
-    """Copy the bench's files, changed for a number of cables.
+def make_rig(
+    folder: Path, cables: int = EIGHT, robot: Path | None = None, tip: str = ""
+) -> list[Path]:
+    """Copy the bench's files, changed for a number of cables and another robot.
 
     Args:
         folder: that is made; nothing may be there yet.
         cables: 7, 8 or 10.
+        robot: URDF of an arm of six joints in place of the bench's.
+        tip: link at that arm's end; empty: the only one, or the flange by its name.
 
     Returns:
         The files.
 
     Raises:
         UsageError: if the folder exists, or there is no example with this number of cables.
+        ConfigError: if the robot's URDF cannot be used, or the arm does not reach a pose.
     """
     if cables != EIGHT and cables not in POINTS:
         raise UsageError(
@@ -64,6 +72,7 @@ def make_rig(folder: Path, cables: int = EIGHT) -> list[Path]:
             "of 8 and write your points into geometry.yaml (docs/your_rig.md)"
         )
     bench = find_rig()
+    changed = {} if robot is None else robot_files(bench, robot, tip)
     try:
         folder.mkdir(parents=True)
     except FileExistsError as error:
@@ -74,7 +83,7 @@ def make_rig(folder: Path, cables: int = EIGHT) -> list[Path]:
     for file in FILES:
         if not bench.has(file.name):
             continue
-        text = bench.file(file.name).read_text(encoding="utf-8")
+        text = changed.get(file.name) or bench.file(file.name).read_text(encoding="utf-8")
         if cables != EIGHT:
             text = _CHANGES.get(file.name, lambda same, _: same)(text, cables)
         target = folder / file.name
@@ -155,10 +164,17 @@ def main() -> int:
     parser = CommandParser("new_rig", __doc__)
     parser.add_argument("folder", type=Path, help="that is made; its name is the rig's")
     parser.add_argument("--cables", type=int, default=EIGHT, help="7, 8 or 10 (default: 8)")
+    parser.add_argument(
+        "--robot",
+        type=existing_path,
+        metavar="URDF",
+        help="another arm, with the bench's base",
+    )
+    parser.add_argument("--tip", default="", help="link at that arm's end (default: its flange)")
     options = parser.parse_args()
     if options.folder.name == BENCH:
         raise UsageError(f"{options.folder}: expected a name that is not {BENCH}'s, which is taken")
-    written = make_rig(options.folder, options.cables)
+    written = make_rig(options.folder, options.cables, options.robot, options.tip)
     for path in written:
         print(f"  {path}")
     print(
