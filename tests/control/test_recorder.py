@@ -11,11 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+import yaml
 from cabols_msgs.msg import LoopStatus
+from rcl_interfaces.msg import Log
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from cabols_control.bags.compare import payload_digest
@@ -315,3 +318,78 @@ def test_the_recorder_refuses_an_existing_bag_and_unknown_topics(record, tmp_pat
     assert process.returncode == 2
     assert re.search(r"topics: expected some of limb_state, .* got moods", errors)
     assert not (tmp_path / "other").exists()
+
+
+def spin_until(node, condition, process):
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+
+    def turned():
+        executor.spin_once(timeout_sec=0.05)
+        return condition()
+
+    wait_for(turned, process)
+    executor.shutdown()
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_the_bag_has_what_the_running_nodes_answered(node, record, tmp_path, killed):
+    """What ran counts, not what was to run; a kill loses none of it once it is flushed."""
+    other = tmp_path / "tight.yaml"
+    other.write_text("a: 1\n")
+    node.declare_parameter("tension_method", "p_norm")
+    node.declare_parameter("safety_file", str(other))
+    node.declare_parameter("gains", [1.0, 2.0])
+    process = record(description="census", flush_period=0.1)
+    bag = tmp_path / "bag"
+
+    def told():
+        return bag.is_dir() and any(b"parameters_rig" in f.read_bytes() for f in bag.iterdir())
+
+    spin_until(node, told, process)
+    if killed:
+        process.kill()
+        process.communicate(timeout=PATIENCE_S)
+        recover(bag)
+    else:
+        _, errors, _ = end(process)
+        assert process.returncode == 0, errors
+    texts = read_bag(bag).metadata
+    asked = yaml.safe_load(texts["parameters_rig"])
+    assert asked["gains"] == [1.0, 2.0]
+    assert texts["tension_method"] == asked["tension_method"] == "p_norm"
+    assert (texts["safety_file"], texts["safety_yaml"]) == ("tight.yaml", "a: 1\n")
+    assert yaml.safe_load(texts["parameters_recorder"])["description"] == "census"
+    assert texts["description"] == "census"
+
+
+def test_topics_of_ros_and_of_the_site_are_recorded_at_choice(node, record, tmp_path):
+    site = "/site/room:std_msgs/msg/String"
+    process = record(record_also=f"/rosout,/diagnostics,{site}", flush_period=0.1)
+    room = node.create_publisher(String, "/site/room", 10)
+    wait_for(room.get_subscription_count, process)
+    for number in range(20):
+        room.publish(String(data=f"{number} degrees"))
+        time.sleep(0.01)
+    spin_until(node, lambda: node.count_subscribers("/rosout") > 0, process)
+    spoken = node.create_publisher(Log, "/rosout", 10)
+    wait_for(spoken.get_subscription_count, process)
+    spoken.publish(Log(name="site", msg="the door is open"))
+    _, errors, _ = end(process)
+    assert process.returncode == 0, errors
+    with AnyReader([tmp_path / "bag"]) as reader:
+        found = {}
+        for connection, _, raw in reader.messages():
+            found.setdefault(connection.topic, []).append(
+                reader.deserialize(raw, connection.msgtype)
+            )
+    assert found["/site/room"][-1].data == "19 degrees"
+    assert "the door is open" in [message.msg for message in found["/rosout"]]
+    assert found["/diagnostics"]
+
+
+def test_a_topic_without_a_known_type_is_refused_with_what_is_expected(record):
+    process = record(record_also="/rosuot")
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 2
+    assert "record_also: expected /diagnostics" in errors

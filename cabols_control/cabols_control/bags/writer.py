@@ -199,6 +199,21 @@ class BagWriter:
             name, definition, (qos or OfferedQos()).text()
         )
 
+    def describe(self, metadata: dict[str, str]) -> None:
+        """Replace the free text of the metadata; at once in the file, where the last one counts.
+
+        Args:
+            metadata: text by key.
+
+        Raises:
+            BagError: if the disk refuses.
+        """
+        self._metadata = dict(metadata)
+        try:
+            self._file.add_metadata(METADATA_NAME, self._metadata)
+        except OSError as error:
+            raise self._failure(error) from error
+
     def write(
         self,
         topic: str,

@@ -8,7 +8,6 @@ import sys
 import time
 from contextlib import suppress
 from datetime import datetime, timezone
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +21,10 @@ from cabols_control.bringup.argument_text import listed_topics
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.errors import ConfigError
 from cabols_control.realtime.scheduling import be_ordinary
-from cabols_control.rig_folder import FILES, rig_file
+from cabols_control.recorded_configuration import configuration_texts
 from cabols_control.ros import topics
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, RCLError, run_node
+from cabols_control.ros.parameter_census import ParameterCensus
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.recording import Recording
@@ -77,6 +77,7 @@ class RecorderNode(ControlNode):
             self.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode"))
             self.create_timer(SPACE_S, self._watch_space)
         self._joining = self.create_timer(JOIN_S, self._join)
+        self._census = ParameterCensus(self, self._describe)
         self._recording = self._new(self._first_folder()) if at_once else None
         self._tell()
 
@@ -125,8 +126,7 @@ class RecorderNode(ControlNode):
     def _new(self, folder: Path) -> Recording:
         if lack := lack_of_space(folder, self._free_space):
             raise BagError(lack)
-        texts = {"description": self._description, **self._rig_texts()}
-        return Recording(self, folder, self._rows, texts, self._period, self._ended)
+        return Recording(self, folder, self._rows, self._texts(), self._period, self._ended)
 
     def begin(self) -> None:
         """Start recording."""
@@ -136,6 +136,7 @@ class RecorderNode(ControlNode):
     def end(self) -> None:
         """Complete the bag."""
         if self._recording is not None:
+            self._describe()
             self._recording.close()
             self._failure = self._failure or self._recording.failure
 
@@ -180,6 +181,7 @@ class RecorderNode(ControlNode):
     def _switch_off(self) -> Recording:
         """Complete the bag."""
         assert self._recording is not None
+        self._describe()
         done, self._recording = self._recording, None
         done.close()
         done.forget()
@@ -214,23 +216,19 @@ class RecorderNode(ControlNode):
         if self._recording is None and not self.lockstep:
             self.status.publish(self.get_clock().now().nanoseconds, WAITING)
 
-    def _rig_texts(self) -> dict[str, str]:
-        """Return content and hash of the rig's files."""
-        found = {"rig": self.rig_folder.name}
-        for file in FILES:
-            if not file.name.endswith(".yaml"):
-                continue
-            name = file.name.removesuffix(".yaml")
-            parameter = f"{name}_file"
-            given = self.get_parameter(parameter).value if self.has_parameter(parameter) else ""
-            if not given and not self.rig_folder.has(file.name):
-                continue
-            path = rig_file(file.name, given, self.rig_folder)
-            content = path.read_bytes()
-            found[f"{name}_file"] = path.name
-            found[f"{name}_yaml"] = content.decode()
-            found[f"{name}_sha256"] = sha256(content).hexdigest()
-        return found
+    def _texts(self) -> dict[str, str]:
+        """Return what the bag's metadata says of the run."""
+        here = self.get_namespace()
+        return {
+            "description": self._description,
+            "namespace": here,
+            **configuration_texts(self.rig_folder, self._census.parameters),
+        }
+
+    def _describe(self) -> None:
+        """Put what further nodes have answered into the bag."""
+        if self._recording is not None:
+            self._recording.describe(self._texts())
 
 
 def lack_of_space(folder: Path, least_gb: float) -> str:

@@ -73,6 +73,7 @@ class Recording:
             self._writer.add_topic(topic.name, topic.type_name, qos)
         self._taken: deque[Item] = deque()
         self._newest_raw = b""
+        self._texts: dict[str, str] | None = None
         self.failure: BaseException | None = None
         self._stop = threading.Event()
         self._wait_set = make_wait_set(node, len(self._topics))
@@ -97,6 +98,19 @@ class Recording:
         waiting = [topic for topic in self._topics if not topic.join(time.monotonic())]
         return not waiting
 
+    def describe(self, texts: dict[str, str]) -> None:
+        """Replace what the bag's metadata says of the run, by the next flush.
+
+        Args:
+            texts: free text by key.
+        """
+        self._texts = texts
+
+    def _tell_texts(self) -> None:
+        texts, self._texts = self._texts, None
+        if texts is not None:
+            self._writer.describe(texts)
+
     def close(self) -> None:
         """Take the remaining messages, complete the bag and print its content."""
         give_up = time.monotonic() + END_S
@@ -115,6 +129,7 @@ class Recording:
         try:
             self._take()
             self._write()
+            self._tell_texts()
             self._writer.close()
         except BagError as error:
             self.failure = error
@@ -174,6 +189,9 @@ class Recording:
             # Taking must not wait, or the middleware drops messages; writing may.
             be_ordinary()
             self._write()
+            if not self._node.lockstep:
+                # In lockstep at the end: the same bytes for the same seed.
+                self._tell_texts()
             self._writer.flush()
             collect_young()
 

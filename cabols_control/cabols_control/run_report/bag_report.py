@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -121,7 +121,10 @@ def recorded_rig(information: BagInformation) -> tuple[Rig, str]:
         paths = {name: Path(place) / f"{name}.yaml" for name in RIG_FILES}
         for name, path in paths.items():
             path.write_text(str(texts[name]), encoding="utf-8")
-        return load_rig(**paths), "the rig's files in the bag"
+        rig = load_rig(**paths)
+    if method := metadata.get("tension_method"):
+        rig = replace(rig, control=replace(rig.control, tension_method=method))
+    return rig, "the rig's files in the bag"
 
 
 def _judgement(bag: Bag, rig: Rig) -> tuple[list[Any], str]:
