@@ -101,6 +101,10 @@ bench-continuity: setup  ## changes of tensions between cycles, near the boundar
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_continuity.py $(ARGS)
 
+bench-pulleys: setup  ## time a new pose over pulleys beside one between points
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_pulleys.py $(ARGS)
+
 bench-workspace: setup  ## time workspace grids beside linear programmes
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_workspace.py $(ARGS)

@@ -70,6 +70,25 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     return array
 
 
+def unit_rows(name: str, value: ArrayLike, rows: int) -> FloatArray:
+    """Check directions and return them as unit vectors, a new array.
+
+    Args:
+        name: for messages.
+        value: (rows, 3) of any length but zero.
+        rows: how many.
+
+    Raises:
+        ShapeError: if the shape differs, a number is not finite or a row is no direction.
+    """
+    directions = finite_array(name, value, (rows, 3)).copy()
+    lengths = np.linalg.norm(directions, axis=1)
+    for index, length in enumerate(lengths):
+        if not length > 1e-9:
+            raise ShapeError(f"{name}: expected directions, got zero in row {index + 1}")
+    return np.asarray(directions / lengths[:, None], dtype=np.float64)
+
+
 def in_range(name: str, value: float, lower: float, upper: float) -> float:
     """Return value as a float if lower <= value <= upper.
 

@@ -16,7 +16,7 @@ from cabols_control.cable_kernels import (
     cable_records,
     structure_matrix_unchecked,
 )
-from cabols_control.checks import FloatArray, finite_array, rotation_matrix
+from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix, unit_rows
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, OutOfRangeError, ShapeError
 from cabols_control.naming import cable_name
@@ -25,6 +25,7 @@ from cabols_control.rig_checks import check_geometry
 from cabols_control.rig_folder import rig_file
 
 MIN_CABLES = 6
+PULLEY_MAX_M = 10.0
 MAX_CONDITION = 1e6
 """Above this condition number (lengths scaled by the platform's radius) a rig is degenerate."""
 
@@ -47,6 +48,10 @@ class RigGeometry:
         platform_frame: name of {p} in message headers.
         cable_length_min: shortest length of a cable between its points [m].
         cable_length_max: longest; poses beyond either are out of reach [m].
+        pulley_radius: (n,) of the grooves; 0: the cable leaves the base point itself [m]. The
+            base point is then where the cable, coming along the swivel's axis, meets the groove.
+        pulley_axes: (n, 3) unit vectors along the swivels' axes, the way the cable comes, base
+            frame. Made of None: along z, away from the platform at the reference pose.
     """
 
     base_points: FloatArray
@@ -57,6 +62,8 @@ class RigGeometry:
     platform_frame: str = "platform"
     cable_length_min: float = MIN_CABLE_LENGTH_M
     cable_length_max: float = inf
+    pulley_radius: FloatArray | float = 0.0
+    pulley_axes: FloatArray | None = None
 
     @property
     def cables(self) -> int:
@@ -70,7 +77,36 @@ class RigGeometry:
 
     def records(self) -> Any:
         """(n,) records of CABLE, for the kernels; a new array, whose owner may write to it."""
-        return cable_records(self.base_points, self.platform_points)
+        points = (self.base_points, self.platform_points)
+        return cable_records(*points, self.pulley_radius, self.pulley_axes)
+
+    @property
+    def has_pulleys(self) -> bool:
+        """Whether any cable leaves a pulley."""
+        return bool(np.any(self.pulley_radius))
+
+    def _set_pulleys(self) -> None:
+        """Check radii and axes; a rig without pulleys has zeros and no axes."""
+        set_field, n = object.__setattr__, self.cables
+        given = np.asarray(self.pulley_radius)
+        if given.size and not given.any():
+            set_field(self, "pulley_radius", np.zeros(n))
+            set_field(self, "pulley_axes", None)
+            return
+        radius = np.full(n, float(given)) if given.ndim == 0 else given
+        radius = _own("pulley_radius", radius, (n,))
+        for each in radius:
+            in_range("pulley_radius", each, 0.0, PULLEY_MAX_M)
+        set_field(self, "pulley_radius", radius)
+        if self.pulley_axes is None:
+            held = self.platform_points @ self.reference_rotation.T + self.reference_position
+            axes = np.zeros((n, 3))
+            axes[:, 2] = np.where(held[:, 2] <= self.base_points[:, 2], 1.0, -1.0)
+        else:
+            axes = unit_rows("pulley_axes", self.pulley_axes, n)
+        set_field(self, "pulley_axes", axes)
+        for array in (radius, axes):
+            array.setflags(write=False)
 
     def __post_init__(self) -> None:
         """Check shapes, finiteness and that the points can carry a 6-DOF wrench."""
@@ -90,12 +126,19 @@ class RigGeometry:
             )
         for array in (self.base_points, self.platform_points, position, rotation):
             array.setflags(write=False)
+        self._set_pulleys()
         self._check_not_degenerate()
 
     def _check_not_degenerate(self) -> None:
         pose = (self.reference_position, self.reference_rotation)
         cables = self.records()
         lengths = cable_lengths_unchecked(cables, *pose)
+        if np.isnan(lengths).any():
+            wrong = cable_name(int(lengths.argmin()))
+            raise DegenerateGeometryError(
+                f"{wrong}: expected a platform point that is on neither its pulley nor the "
+                "pulley's axis at the reference pose; is pulley_radius in metres?"
+            )
         if not lengths.min() >= MIN_CABLE_LENGTH_M:
             shortest = cable_name(int(lengths.argmin()))
             raise DegenerateGeometryError(
@@ -124,6 +167,8 @@ class GeometryFile:
     platform_frame: str = "platform"
     cable_length_min: float = MIN_CABLE_LENGTH_M
     cable_length_max: float = inf
+    pulley_radius: float | list[float] = 0.0
+    pulley_axes: list[list[float]] | None = None
 
 
 def load_geometry(path: str | Path | None = None) -> RigGeometry:
@@ -131,8 +176,9 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
 
     Args:
         path: file with `reference_pose` (a Frame: position [m] and rotation), `base_points` and
-            `platform_points` (a row [x, y, z] per cable [m]); None for the reference bench (chosen
-            by this project: the source publishes none).
+            `platform_points` (a row [x, y, z] per cable [m]), of cables over pulleys also
+            `pulley_radius` (a number or one per cable [m]) and `pulley_axes` (a row per cable);
+            None for the reference bench (chosen by this project: the source publishes none).
 
     Returns:
         The geometry, checked; what is odd about it is a RigWarning.
@@ -154,6 +200,9 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
     Raises:
         ConfigError: if it cannot be used; the message names file, key and reason.
     """
+    axes = content.pulley_axes
+    if axes is not None and not np.any(content.pulley_radius):
+        raise ConfigError(f"{source}: pulley_axes: expected pulley_radius beside it, got none")
     try:
         geometry = RigGeometry(
             base_points=_rows("base_points", content.base_points),
@@ -164,6 +213,8 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
             platform_frame=content.platform_frame,
             cable_length_min=content.cable_length_min,
             cable_length_max=content.cable_length_max,
+            pulley_radius=np.array(content.pulley_radius),
+            pulley_axes=None if axes is None else _rows("pulley_axes", axes),
         )
     except DegenerateGeometryError as error:
         raise DegenerateGeometryError(f"{source}: {error}") from error

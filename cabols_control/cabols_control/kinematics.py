@@ -4,6 +4,9 @@ One sign convention, everywhere: u_i is the unit vector from the platform point 
 point of cable i, so a tension tau_i > 0 pulls the platform along +u_i and the cables' wrench
 ON the platform is W = A tau with columns A_i = [u_i; (R b_i) x u_i]. The lengths then obey
 l_dot = -A^T [v; omega] (virtual work; the source's (3.3), (3.4) with J = -A^T).
+
+Over a pulley, u_i points to where the cable leaves the groove, and the length has the arc from
+the base point on (cable_kernels.over_pulley).
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.cable_kernels import (
     cable_lengths_unchecked,
+    over_pulley,
     refuse_short_cable,
     structure_matrix_unchecked,
 )
@@ -21,7 +25,7 @@ from cabols_control.geometry import RigGeometry
 
 
 def cable_lengths(geometry: RigGeometry, position: ArrayLike, rotation: ArrayLike) -> FloatArray:
-    """Distance between base and platform point of every cable; loop closure (3.1).
+    """Length of every cable between base and platform point, over its pulley; loop closure (3.1).
 
     Args:
         geometry: attachment points of n cables.
@@ -32,13 +36,15 @@ def cable_lengths(geometry: RigGeometry, position: ArrayLike, rotation: ArrayLik
         (n,) lengths [m].
 
     Raises:
-        ShapeError: if the pose has another shape, is not finite or is no rotation.
+        ShapeError: if the pose has another shape, is not finite or is no rotation, or a cable
+            cannot leave its pulley there.
     """
-    return cable_lengths_unchecked(
-        geometry.records(),
-        finite_array("position", position, (3,)),
-        rotation_matrix("rotation", rotation),
-    )
+    place, turn = finite_array("position", position, (3,)), rotation_matrix("rotation", rotation)
+    cables = geometry.records()
+    lengths = cable_lengths_unchecked(cables, place, turn)
+    if np.isnan(lengths).any():
+        refuse_short_cable(cables, place, turn)
+    return lengths
 
 
 def structure_matrix(geometry: RigGeometry, position: ArrayLike, rotation: ArrayLike) -> FloatArray:
@@ -63,3 +69,41 @@ def structure_matrix(geometry: RigGeometry, position: ArrayLike, rotation: Array
     if not np.isfinite(matrix).all():
         refuse_short_cable(cables, place, turn)
     return matrix
+
+
+def direction_gradients(
+    geometry: RigGeometry, position: ArrayLike, rotation: ArrayLike
+) -> FloatArray:
+    """How the cables' directions u turn as their platform points move: -du/dp.
+
+    A cable between points turns by 1 / length in every direction across it. Over a pulley it turns
+    by 1 / straight length in the wheel's plane, and with the wheel out of it.
+
+    Args:
+        geometry: attachment points and pulleys of n cables.
+        position: (3,) platform origin in the base frame [m].
+        rotation: (3, 3) from platform to base axes.
+
+    Returns:
+        (n, 3, 3) symmetric [1/m].
+
+    Raises:
+        ShapeError: as structure_matrix.
+    """
+    directions = structure_matrix(geometry, position, rotation)[:3].T
+    held = np.asarray(position) + geometry.platform_points @ np.asarray(rotation).T
+    found = np.empty((geometry.cables, 3, 3))
+    for i, cable in enumerate(geometry.records()):
+        away, u = held[i] - geometry.base_points[i], directions[i]
+        if cable["radius"] == 0.0:
+            found[i] = (np.eye(3) - np.outer(u, u)) / np.linalg.norm(away)
+            continue
+        axis = cable["axis"]
+        beside = away - (away @ axis) * axis
+        out = float(np.linalg.norm(beside))
+        e = beside / out
+        course = over_pulley(away[0], away[1], away[2], axis.copy(), float(cable["radius"]))
+        _, _, _, straight, cosine, sine = course
+        w, b = cosine * e + sine * axis, np.cross(axis, e)
+        found[i] = np.outer(w, w) / straight + np.outer(b, b) * (sine / out)
+    return found

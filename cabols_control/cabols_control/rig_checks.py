@@ -27,6 +27,8 @@ STRETCH_MAX, STRETCH_ODD = 2.0, 0.25
 STRETCH_LEAST_M = 1e-5
 SPEED_MAX_M_S = 100.0
 """Steady speed of a cable at the current's limit."""
+PULLEY_SHARE, PULLEY_LEAST_M = 0.25, 1e-3
+"""Radius of a pulley: largest share of the frame's size; smaller ones than the least are odd."""
 REACH = 5.0
 """Distance of what is mounted on the platform from its origin, in platform radii."""
 
@@ -79,6 +81,16 @@ def check_geometry(cables: Any, position: FloatArray, rotation: FloatArray) -> F
         f"frame {' x '.join(f'{side:.3g}' for side in sides)} m, platform radius {radius:.3g} m, "
         f"{lengths.size} cables of {lengths.min():.3g} to {lengths.max():.3g} m"
     )
+    wheels = cables["radius"]
+    if wheels.any():
+        found.read += f", pulleys of {wheels.min():.3g} to {wheels.max():.3g} m"
+        if not wheels.max() <= PULLEY_SHARE * size:
+            found.refused.append(
+                f"pulley_radius: expected metres, got {wheels.max():.4g} in a frame of {size:.3g} "
+                "m; millimetres?"
+            )
+        elif wheels[wheels > 0.0].min() < PULLEY_LEAST_M:
+            found.odd.append(f"pulley_radius: {wheels[wheels > 0.0].min():.3g} m; metres?")
     if not 2.0 * radius <= size:
         found.refused.append(
             f"platform: expected smaller than the frame, got {2.0 * radius:.3g} m across in a "

@@ -42,7 +42,9 @@ def check_rig(folder: RigFolder) -> list[str]:
     rig, card, safety = load_rig(folder), load_card(folder), load_safety(folder)
     geometry, frames = rig.geometry, load_frames(folder)
     card.wiring.require_limbs(geometry.cables)
-    load_plant(folder).limbs.require_limbs(geometry.cables)
+    plant = load_plant(folder)
+    plant.limbs.require_limbs(geometry.cables)
+    plant.geometry(geometry)
     configurations = load_configurations(folder)
     for load in (load_tracker_config, load_tracker_truth):
         load(folder)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cabols_control.cable_kernels import CABLE, cable_records, refuse_short_cable
-from cabols_control.checks import FloatArray, IntArray, finite_array
+from cabols_control.checks import FloatArray, IntArray, finite_array, unit_rows
 from cabols_control.errors import ShapeError
 
 from .arguments import (
@@ -195,6 +195,8 @@ class RigTensionResolver:
         tension_max: number or (n,) [N].
         weights: (6,) of the nearest wrench; default as in `distribute`.
         exact: as in `distribute`.
+        pulley_radius: number or (n,) [m], as in RigGeometry.
+        pulley_axes: (n, 3) directions, needed where there are pulleys.
 
     Raises:
         ShapeError: if an argument has another shape or is not finite.
@@ -211,6 +213,8 @@ class RigTensionResolver:
         tension_max: ArrayLike,
         weights: ArrayLike | None = None,
         exact: bool = False,
+        pulley_radius: ArrayLike = 0.0,
+        pulley_axes: ArrayLike | None = None,
     ) -> None:
         """Check everything and put limits and weights where the compiled code finds them."""
         base = finite_array("base_points", base_points, (None, 3))
@@ -226,7 +230,13 @@ class RigTensionResolver:
         self.work[EXACT] = 1.0 if exact else 0.0
         self.work[start : start + 2 * n] = np.concatenate(limits)
         self.work[at_weights(n) : at_weights(n) + 6] = check_weights(weights)
-        self.work[work_size(n) :] = cable_records(base, platform).view(np.float64)
+        radius = finite_array("pulley_radius", np.broadcast_to(pulley_radius, (n,)), (n,))
+        axes = None if pulley_axes is None else unit_rows("pulley_axes", pulley_axes, n)
+        if not (radius >= 0.0).all():
+            raise ShapeError(f"pulley_radius: expected none below 0, got {radius.min():g}")
+        if axes is None and radius.any():
+            raise ShapeError("pulley_axes: expected them beside pulley_radius, got None")
+        self.work[work_size(n) :] = cable_records(base, platform, radius, axes).view(np.float64)
 
     def solve(self, position: ArrayLike, rotation: ArrayLike, wrench: ArrayLike) -> TensionSolution:
         """Tensions for one wrench at one pose.

@@ -1,10 +1,11 @@
 """Whether cables touch each other, the platform or the target: poses and ranges of orientation.
 
-Cables are straight segments, bodies are capsules, so every distance is one between two segments,
-in closed form (segments.py). Over a range of orientation nothing is sampled: a platform point at
-distance rho from the axis moves at most rho per radian, so a gap g between two bodies whose
-points move at most L per radian cannot close within g / L. Stepping by that (conservative
-advancement, Mirtich 1996) certifies every angle that it passes.
+Cables are straight segments from where they leave their pulleys (wheels count as no body), bodies
+are capsules, so every distance is one between two segments, in closed form (segments.py). Over a
+range of orientation nothing is sampled: a platform point at distance rho from the axis moves at
+most rho per radian, so a gap g between two bodies whose points move at most L per radian cannot
+close within g / L. Stepping by that (conservative advancement, Mirtich 1996) certifies every angle
+that it passes.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cabols_control.cable_kernels import departures_into
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
-from cabols_control.errors import ShapeError
+from cabols_control.errors import CabolsError, ShapeError
 from cabols_control.geometry import RigGeometry
 from cabols_control.tension.kernels.static_size import compiled
 
@@ -86,11 +88,13 @@ def _arm(point: Point, axis: FloatArray) -> float:
 
 
 @compiled
-def _cables_apart(task: InterferenceTask, held: FloatArray, i: int, j: int) -> float:
-    """Gap between the cables i and j, whose platform points are held (n, 3) in the base frame."""
+def _cables_apart(
+    task: InterferenceTask, held: FloatArray, starts: FloatArray, i: int, j: int
+) -> float:
+    """Gap between the cables i and j, from starts (n, 3) to held (n, 3), base frame."""
     kind = task.shared[i, j]
     p, r = row(held, i), row(held, j)
-    q, s = _point(task.cables[i]["base"]), _point(task.cables[j]["base"])
+    q, s = row(starts, i), row(starts, j)
     if kind == SHARE_PLATFORM:
         p, r = _shorten(p, q, task.joint_length), _shorten(r, s, task.joint_length)
     elif kind == SHARE_BASE:
@@ -116,14 +120,15 @@ def clearances_at(
         rotation: (3, 3) from platform to base axes.
         axis: (3,) unit vector, platform frame, through the platform's origin.
         required: clearance to keep [m].
-        work: (at least n, 3) scratch.
+        work: (at least 2 n, 3) scratch.
         out: (3,) clearances: CABLES, PLATFORM, TARGET [m].
 
     Returns:
         Angle [rad] within which no gap can fall below `required`; negative if one has.
     """
     n = task.cables.shape[0]
-    held = work[:n]
+    held, starts = work[:n], work[n : 2 * n]
+    departures_into(task.cables, position, rotation, starts)
     out[:] = math.inf
     safe = math.inf
     for i in range(n):
@@ -132,7 +137,7 @@ def clearances_at(
     for i in range(n):
         reach = _arm(_point(task.cables[i]["platform"]), axis)
         for j in range(i):
-            gap = _cables_apart(task, held, i, j)
+            gap = _cables_apart(task, held, starts, i, j)
             out[CABLES] = min(out[CABLES], gap)
             speed = reach + _arm(_point(task.cables[j]["platform"]), axis)
             safe = min(safe, (gap - required) / max(speed, 1e-9))
@@ -143,7 +148,7 @@ def clearances_at(
         speed = max(moves[0] * _arm(row(ends, 0), axis), moves[1] * _arm(row(ends, 1), axis))
         kind = PLATFORM if c < task.platform_capsules else TARGET
         for i in range(n):
-            far = _point(task.cables[i]["base"])
+            far = row(starts, i)
             near = _shorten(row(held, i), far, task.attachment_length)
             gap = segment_distance(near, far, start, end)
             gap -= task.cable_radius + task.capsule_radius[c]
@@ -184,10 +189,10 @@ def advance(
 ) -> float:
     """Angle up to which the clearance is certain while turning towards `limit` [rad].
 
-    Arguments as `clearances_at`; work is (n + 3, 3). 0 if the clearance is missing at the start.
+    Arguments as `clearances_at`; work is (2 n + 3, 3). 0 if the clearance is missing at the start.
     """
     n = task.cables.shape[0]
-    turned, out = work[n : n + 3], np.empty(3)
+    turned, out = work[2 * n : 2 * n + 3], np.empty(3)
     sign, angle = (1.0 if limit >= 0.0 else -1.0), 0.0
     for _ in range(MAX_STEPS):
         _turn_into(rotation, axis, sign * angle, turned)
@@ -220,7 +225,7 @@ def clearance_loop(
 
 def clearance_work(task: InterferenceTask) -> FloatArray:
     """Return scratch for the functions above."""
-    return np.zeros((task.cables.shape[0] + 3, 3))
+    return np.zeros((2 * task.cables.shape[0] + 3, 3))
 
 
 def clearance_along(
@@ -270,7 +275,14 @@ def free_turn(
 
     Raises:
         ShapeError: if an argument has another shape, is not finite or is no rotation.
+        CabolsError: if cables leave pulleys: their ends at the frame move, so that the bound of
+            this certificate does not hold.
     """
+    if geometry.has_pulleys:
+        raise CabolsError(
+            "free_turn: expected cables between points, got pulleys, over which no range is "
+            "certified; use clearance_along at the orientations that count"
+        )
     task = interference_task(geometry, bodies)
     direction = finite_array("axis", axis, (3,))
     length = float(np.linalg.norm(direction))

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.errors import CabolsError, DegenerateGeometryError
+from cabols_control.errors import CabolsError, ConfigError, DegenerateGeometryError
 from cabols_control.geometry import RigGeometry
 from cabols_control.naming import cable_name
 
@@ -243,7 +243,16 @@ def robot_of_rig(
     centre_of_mass: ArrayLike = (0.0, 0.0, 0.0),
     cable: CableModel = CENTRE,
 ) -> CableRobot:
-    """Make a spatial robot of a rig's geometry; see CableRobot for the arguments."""
+    """Make a spatial robot of a rig's geometry; see CableRobot for the arguments.
+
+    Raises:
+        ConfigError: if cables leave pulleys, which these dynamics do not know.
+    """
+    if geometry.has_pulleys:
+        raise ConfigError(
+            "geometry: expected cables between points, got pulleys, which the dynamics of moving "
+            "cables do not know; leave pulley_radius out for them"
+        )
     return CableRobot(
         geometry.base_points,
         geometry.platform_points,

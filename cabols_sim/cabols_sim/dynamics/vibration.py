@@ -19,7 +19,7 @@ from scipy.linalg import eigh
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
-from cabols_control.kinematics import cable_lengths, structure_matrix
+from cabols_control.kinematics import direction_gradients, structure_matrix
 from cabols_control.rotations import cross_matrix
 
 
@@ -117,14 +117,13 @@ def tension_stiffness(
     """
     matrix = structure_matrix(geometry, position, rotation)
     pulls = finite_array("tension", tension, (geometry.cables,))
-    length = cable_lengths(geometry, position, rotation)
+    turning = direction_gradients(geometry, position, rotation)
     levers = geometry.platform_points @ np.asarray(rotation, dtype=np.float64).T
     stiffness = np.zeros((6, 6))
-    for u, lever, tau, span in zip(matrix[:3].T, levers, pulls, length, strict=True):
+    for u, lever, tau, turn in zip(matrix[:3].T, levers, pulls, turning, strict=True):
         arm = cross_matrix(lever)
         jacobian = np.hstack([np.eye(3), -arm])
-        across = tau / span * (np.eye(3) - np.outer(u, u))
-        stiffness += jacobian.T @ across @ jacobian
+        stiffness += tau * (jacobian.T @ turn @ jacobian)
         stiffness[3:, 3:] -= tau * cross_matrix(u) @ arm
     return 0.5 * (stiffness + stiffness.T)
 

@@ -232,7 +232,7 @@ def simulate(
         current=np.zeros((samples, n)),
         status=np.zeros(samples, dtype=np.int64),
     )
-    wrong = mismatch or Mismatch(rig.geometry, np.eye(6))
+    wrong = mismatch or Mismatch(plant.geometry(rig.geometry), np.eye(6))
     limbs = _limbs_at(rig, plant, start_tension, structure_matrix(wrong.geometry, *pose))
     zero = limbs.state["motor_position"] - start_tension / rig.limbs.stiffness
     control = _control(rig, structure_matrix(rig.geometry, *pose), zero)

@@ -10,9 +10,10 @@ import numpy as np
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import finite_array, in_range
-from cabols_control.configuration import STRICT, load_config
+from cabols_control.configuration import STRICT, beside, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.frames import load_frames
+from cabols_control.geometry import RigGeometry, load_geometry
 from cabols_control.rig import LimbsConfig
 from cabols_control.rig_folder import RigFolder, find_rig
 from cabols_hw.force_torque.ati import STANDARD_GRAVITY
@@ -174,15 +175,39 @@ class PlantConfig:
         limbs: physics of the limbs.
         sensors: converters, force/torque sensor, switches.
         substeps: integration steps in a millisecond.
+        geometry_file: YAML of the true attachment points and pulleys, beside this file; empty:
+            those that control believes in.
     """
 
     limbs: LimbPlantConfig
     sensors: SensorPlantConfig
     substeps: int = 4
+    geometry_file: str = ""
 
     def __post_init__(self) -> None:
-        """Check ranges."""
+        """Check ranges; read the true geometry."""
         in_range("substeps", self.substeps, 1, 100)
+        if self.geometry_file:
+            path = beside(self.geometry_file).resolve()
+            object.__setattr__(self, "geometry_file", str(path))
+            self.__dict__["_geometry"] = load_geometry(path)
+
+    def geometry(self, believed: RigGeometry) -> RigGeometry:
+        """Return the true geometry.
+
+        Args:
+            believed: of the rig's folder, which holds where no other is given.
+
+        Raises:
+            ConfigError: if the true one has another number of cables.
+        """
+        true: RigGeometry = self.__dict__.get("_geometry", believed)
+        if true.cables != believed.cables:
+            raise ConfigError(
+                f"{self.geometry_file}: expected {believed.cables} cables as control has, got "
+                f"{true.cables}"
+            )
+        return true
 
     def linear(self) -> PlantConfig:
         """Return the linear plant (3.12) with the same motors.
@@ -208,7 +233,7 @@ class PlantConfig:
             dac_step=0.0,
             gauge_noise=0.0,
         )
-        return PlantConfig(limbs, sensors, self.substeps)
+        return replace(self, limbs=limbs, sensors=sensors)
 
     def without_springs(self) -> PlantConfig:
         """Return the same rig with the springs taken out (figure 3.8)."""

@@ -134,7 +134,7 @@ class Plant:
             seed: of slack, sensor bias and noise.
             target: what holds the platform; None for a rigid one.
         """
-        self._cables = rig.geometry.records()
+        self._cables = config.geometry(rig.geometry).records()
         self._card = card
         self._config = config
         self._random = np.random.default_rng(seed)

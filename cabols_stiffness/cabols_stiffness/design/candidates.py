@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
-from cabols_control.cable_kernels import structure_matrix_unchecked
+from cabols_control.cable_kernels import departures_into, structure_matrix_unchecked
 from cabols_control.checks import FloatArray, IntArray, finite_array, in_range
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
@@ -195,7 +195,11 @@ def _clear(
     """Whether cables that do not share a platform point keep their distance."""
     ends = position + geometry.platform_points @ rotation.T
     share = np.linspace(0.0, 1.0, SEGMENT_PARTS)[:, None]
-    lines = ends[:, None, :] + share * (geometry.base_points - ends)[:, None, :]
+    starts = np.empty_like(ends)
+    departures_into(
+        geometry.records(), np.ascontiguousarray(position), np.ascontiguousarray(rotation), starts
+    )
+    lines = ends[:, None, :] + share * (starts - ends)[:, None, :]
     for i in range(geometry.cables):
         for j in range(i):
             if np.allclose(geometry.platform_points[i], geometry.platform_points[j]):

@@ -13,7 +13,7 @@ from cabols_control.configuration import read_yaml
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.rig_folder import rig_file
-from cases import fails_today, outcome
+from cases import outcome
 
 KEY = "pulley_radius"
 """How geometry.yaml is to name the radius [m]; whoever builds it may choose another word here."""
@@ -63,7 +63,6 @@ def test_tangents_are_the_slope_of_the_lengths(radius):
         np.testing.assert_allclose((after - before) / (2 * step), -directions[:, j], atol=1e-8)
 
 
-@fails_today(18, "no place for a pulley's radius")
 def test_lengths_hold_the_pulleys(tmp_path, radius):
     bench = load(tmp_path, radius)
     assert not isinstance(bench, Exception), bench
@@ -77,7 +76,6 @@ def test_lengths_hold_the_pulleys(tmp_path, radius):
         np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
-@fails_today(18, "no place for a pulley's radius")
 def test_structure_matrix_holds_the_pulleys(tmp_path, radius):
     bench = load(tmp_path, radius)
     assert not isinstance(bench, Exception), bench

@@ -146,9 +146,20 @@ def write_geometry(geometry: RigGeometry, path: Path, comment: str) -> None:
         **_length_limits(geometry),
         "base_points": [_rounded(row) for row in geometry.base_points],
         "platform_points": [_rounded(row) for row in geometry.platform_points],
+        **_pulleys(geometry),
     }
     lines = "".join(f"# {line}\n" for line in comment.splitlines())
     path.write_text(lines + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _pulleys(geometry: RigGeometry) -> dict[str, Any]:
+    """Radii and axes of the pulleys, where there are any."""
+    if not geometry.has_pulleys or geometry.pulley_axes is None:
+        return {}
+    return {
+        "pulley_radius": _rounded(np.asarray(geometry.pulley_radius)),
+        "pulley_axes": [[float(value) for value in row] for row in geometry.pulley_axes],
+    }
 
 
 def _length_limits(geometry: RigGeometry) -> dict[str, float]:
