@@ -111,11 +111,17 @@ def identify(
         result,
         samples=len(samples),
         outliers=usable.rows[result.outliers],
-        origin=_origin(usable.samples, robot),
+        origin=origin_of(usable.samples, robot),
     )
 
 
-def _origin(samples: PointSamples | Samples, robot: RobotModel) -> Origin:
+def origin_of(samples: PointSamples | Samples, robot: RobotModel) -> Origin:
+    """Robot and range of the data.
+
+    Args:
+        samples: that were used.
+        robot: that they are of.
+    """
     ends = [samples.joints.min(axis=0), samples.joints.max(axis=0)]
     return Origin(
         robot=robot.name,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,7 @@ from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import CabolsError
 from cabols_control.naming import joint_name, joint_names
 from cabols_stiffness.model.balance import Law
+from cabols_stiffness.model.elastic.prediction import correct_elastic
 from cabols_stiffness.model.prediction import Prediction, law_of, predict
 from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
@@ -61,6 +62,12 @@ def correct(
         CabolsError: if a joint was not identified, the model is "as_published", the robot cannot
             balance the wrench, or the command is beyond a joint's limit.
     """
+    if result.elastic is not None:
+        prediction = predict(result, robot, joints, wrench, follows=follows)
+        at, load = np.asarray(joints, np.float64)[None], np.asarray(wrench, np.float64)[None]
+        model = replace(result.elastic, robot=robot)
+        command = correct_elastic(model, at, load, follows=follows)
+        return Correction(command[0], prediction, prediction.covariance)
     if result.model == AS_PUBLISHED or not result.identifiable.all():
         missing = joint_names(np.flatnonzero(~result.identifiable))
         raise CabolsError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +10,11 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import CabolsError
 from cabols_stiffness.model.balance import Balance, Law, balance
+from cabols_stiffness.model.elastic.prediction import (
+    ElasticModel,
+    cartesian_softness,
+    predict_elastic,
+)
 from cabols_stiffness.model.identity import require_usable
 from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
@@ -115,6 +120,8 @@ def predict_anyway(
             f"joint deflections of {np.abs(rest.deflection).max():.3g} rad; check the units"
         )
     before = robot.posture(at)
+    if result.elastic is not None:
+        return _of_elastic_arm(result, result.elastic, robot, at, load, wrench_covariance, follows)
     covariance = parameter_covariance(result, rest)
     if wrench_covariance is not None:
         noise = finite_array("wrench_covariance", wrench_covariance, (6, 6))
@@ -129,4 +136,30 @@ def predict_anyway(
         np.asarray(jacobian[0] @ covariance[0] @ jacobian[0].T),
         rest.deflection[0],
         bool((np.abs(rest.deflection[0]) > BEYOND * result.joint_range).any()),
+    )
+
+
+def _of_elastic_arm(
+    result: StiffnessResult,
+    elastic: ElasticModel,
+    robot: RobotModel,
+    joints: FloatArray,
+    wrench: FloatArray,
+    wrench_covariance: ArrayLike | None,
+    follows: bool,
+) -> Prediction:
+    """Predict by all that gives way, with any tool of the same robot."""
+    model = replace(elastic, robot=robot)
+    found = predict_elastic(model, joints, wrench, follows=follows)
+    covariance = found.covariance[0]
+    if wrench_covariance is not None:
+        noise = finite_array("wrench_covariance", wrench_covariance, (6, 6))
+        softness = cartesian_softness(model, joints, wrench, follows=follows)[0]
+        covariance = covariance + softness @ noise @ softness.T
+    moved = found.joints[0]
+    return Prediction(
+        found.deflection[0],
+        covariance,
+        moved,
+        bool((np.abs(moved) > BEYOND * result.joint_range).any()),
     )

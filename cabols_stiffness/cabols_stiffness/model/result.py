@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_stiffness.model.elastic.prediction import ElasticModel
 from cabols_stiffness.model.verdict import Verdict
 
 LINEAR, CUBIC, AS_PUBLISHED = "linear", "cubic", "as_published"
@@ -61,6 +62,8 @@ class StiffnessResult:
         friction_reach: (6,) motion over which the friction is drawn, likewise [rad].
         verdict: on the model and the data; None: not judged, as in results of older files.
         origin: robot and range of the data; None: not known.
+        elastic: the arm beyond its joints, where the ladder of models was climbed; predictions and
+            commands are then its own. None: the joints are all.
     """
 
     model: str
@@ -85,6 +88,7 @@ class StiffnessResult:
     friction_reach: FloatArray
     verdict: Verdict | None = None
     origin: Origin | None = None
+    elastic: ElasticModel | None = None
 
     @property
     def adequate(self) -> bool:

@@ -5,6 +5,7 @@ Unknown keys, such as the provenance that a report adds, are ignored.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import yaml
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_stiffness.model.elastic.file import ELASTIC, read_elastic, write_elastic
 from cabols_stiffness.model.result import LINEAR, MODELS, Origin, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.verdict_file import read_verdict, verdict_mapping
@@ -187,6 +189,9 @@ def write_result(
         more: further top-level keys, such as the provenance.
     """
     content = {**to_mapping(result, robot), **(more or {})}
+    if result.elastic is not None:
+        content["elastic"] = ELASTIC
+        write_elastic(Path(path).with_name(ELASTIC), result.elastic)
     text = yaml.safe_dump(content, sort_keys=False, width=100, default_flow_style=None)
     Path(path).write_text(text, encoding="utf-8")
 
@@ -199,7 +204,10 @@ def read_result(path: str | Path) -> StiffnessResult:
     """
     content = read_yaml(path)
     try:
-        return from_mapping(content)
+        result = from_mapping(content)
+        if content.get("elastic") is None:
+            return result
+        return replace(result, elastic=read_elastic(Path(path).with_name(ELASTIC)))
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
 

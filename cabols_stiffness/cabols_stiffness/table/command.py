@@ -18,10 +18,13 @@ from typing import Any
 
 from cabols_control.command_line import DONE, FAILED, CommandParser, command
 from cabols_control.configuration import read_yaml
-from cabols_control.errors import UsageError
+from cabols_control.errors import CabolsError, UsageError
 from cabols_control.output_folder import output_folder
 from cabols_stiffness.identification.identify import identify
-from cabols_stiffness.model.result import CUBIC, LINEAR, StiffnessResult
+from cabols_stiffness.ladder.identified import identify_ladder, rungs_of
+from cabols_stiffness.ladder.texts import ladder_mapping, ladder_text
+from cabols_stiffness.model.elastic.blocks import Rung
+from cabols_stiffness.model.result import CUBIC, LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.model.result_file import write_result
 from cabols_stiffness.model.robot import RobotModel, load_robot
 from cabols_stiffness.model.verdict import Grade
@@ -59,16 +62,27 @@ def identify_table(
         table: of a laboratory.
         robot: with its tool.
         stated: noise, axes, measured point.
-        model: linear or cubic.
+        model: linear, cubic, auto, or rungs of the ladder joined by +.
         output: folder to fill.
     """
-    result = identify(to_samples(table, robot, stated), robot, model, judged=False)
-    result = identify(to_samples(table, robot, stated, result), robot, model, start=result)
+    plain = model if model in MODELS else LINEAR
+    result = identify(to_samples(table, robot, stated), robot, plain, judged=False)
+    samples = to_samples(table, robot, stated, result)
+    climbed = None
+    if model in MODELS:
+        result = identify(samples, robot, model, start=result)
+    else:
+        climbed = identify_ladder(samples, robot, model)
+        result = climbed.result
     verdict = result.verdict
     assert verdict is not None
     print(summary(result, robot, table))
+    more = {}
+    if climbed is not None:
+        print(ladder_text(climbed, robot))
+        more = ladder_mapping(climbed)
     with output_folder(output, "cabols-stiffness", keep=True, shared=True) as folder:
-        write_result(output / "result.yaml", result, robot)
+        write_result(output / "result.yaml", result, robot, more)
         _write_csv(output / "stiffness.csv", result, robot)
         folder.finish()
     print(f"  {output / 'result.yaml'}\n  {output / 'stiffness.csv'}")
@@ -136,6 +150,15 @@ def _locked(word: str) -> tuple[str, float]:
         raise UsageError(f"--lock {word}: expected NAME=POSITION [rad or m]") from error
 
 
+def _model(word: str) -> str:
+    if word not in (LINEAR, CUBIC):
+        try:
+            rungs_of(word)
+        except CabolsError as error:
+            raise argparse.ArgumentTypeError(str(error)) from error
+    return word
+
+
 def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser = CommandParser("cabols-stiffness", __doc__)
     add = parser.add_argument
@@ -151,7 +174,13 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     axes = ["base", "tool"]
     add("--wrench-axes", default="base", choices=axes, help="axes of the wrench, at the tool")
     add("--mapping", default="", help="YAML: header: {as: name, unit: unit}")
-    add("--model", default=LINEAR, choices=[LINEAR, CUBIC])
+    add(
+        "--model",
+        default=LINEAR,
+        type=_model,
+        help="linear; cubic; auto: the ladder of models, by held-out configurations; or its rungs: "
+        + "+".join(Rung),
+    )
     add("--deviation-um", type=float, default=20.0, help="of a displacement [um]")
     add("--deviation-urad", type=float, default=80.0, help="of a rotation [urad]")
     add("--deviation-n", type=float, default=0.5, help="of a force [N]")

@@ -1,0 +1,1 @@
+"""Ladder of models: from joint stiffness alone to an elastic arm, as far as held-out data pay."""

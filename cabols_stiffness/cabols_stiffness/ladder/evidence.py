@@ -1,0 +1,202 @@
+"""Measurements against an elastic arm: whitened rows of any blocks, cell by cell.
+
+A cell is a configuration, or a load where there are too few configurations; cells are held out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_stiffness.identification.observations import Linearised, Observations, whiten
+from cabols_stiffness.measurements.samples import PointSamples
+from cabols_stiffness.model.elastic.arm import Arm, settle
+from cabols_stiffness.model.elastic.blocks import Statics
+from cabols_stiffness.model.screws import logarithm, point_motion
+
+CONFIGURATIONS_LEAST = 4
+"""Configurations from which on whole ones are held out."""
+
+FOLDS_MAX = 10
+
+
+def residual_of(observations: Observations, arm: Arm, state: Statics) -> FloatArray:
+    """(k, m) measured minus predicted; zero for what was not measured.
+
+    Args:
+        observations: of the robot.
+        arm: what gives way.
+        state: of the samples.
+    """
+    samples, posture = observations.samples, state.frames.posture
+    if isinstance(samples, PointSamples):
+        offset = np.einsum("kij,kj->ki", posture.rotation, samples.offset)
+        return np.asarray(np.nan_to_num(samples.position - posture.position - offset))
+    assert samples.reference_wrench is not None
+    nothing = np.zeros_like(samples.joints)
+    start = settle(
+        observations.robot, arm, samples.joints, samples.reference_wrench, False, nothing
+    ).frames.posture
+    turned = logarithm(posture.rotation @ start.rotation.swapaxes(1, 2))
+    predicted = np.concatenate([posture.position - start.position, turned], axis=1)
+    return np.asarray(np.nan_to_num(samples.deflection - predicted))
+
+
+def motion_of(observations: Observations, state: Statics) -> FloatArray:
+    """(k, m, 6) what is measured of a small motion of the tool.
+
+    Args:
+        observations: of the robot.
+        state: of the samples.
+    """
+    samples = observations.samples
+    if isinstance(samples, PointSamples):
+        rotation = state.frames.posture.rotation
+        return point_motion(np.einsum("kij,kj->ki", rotation, samples.offset))
+    return np.broadcast_to(np.eye(6), (len(samples), 6, 6))
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Whitened rows of the samples in use; offsets and drifts of groups are taken out.
+
+    Attributes:
+        residual: (r,).
+        columns: (r, p).
+        cell: (r,) of each row, from 0.
+        fold: (c,) of each cell.
+        numbers: (c,) numbers measured in each cell, less its share of the offsets.
+        distances: (k,) squared, of each sample from the model.
+    """
+
+    residual: FloatArray
+    columns: FloatArray
+    cell: IntArray
+    fold: IntArray
+    numbers: FloatArray
+    distances: FloatArray
+
+    def with_columns(self, columns: FloatArray) -> Rows:
+        """Return the same rows with other columns (r, p)."""
+        return replace(self, columns=columns)
+
+    @property
+    def freedom(self) -> float:
+        """Numbers measured less offsets, of all cells."""
+        return float(self.numbers.sum())
+
+
+def rows_of(
+    observations: Observations,
+    residual: FloatArray,
+    columns: FloatArray,
+    like: Linearised,
+    use: BoolArray,
+) -> Rows:
+    """Whiten, and take out what samples of a group share.
+
+    Args:
+        observations: of the robot.
+        residual: (k, m).
+        columns: (k, m, p) of what is measured, by any parameters.
+        like: a linearisation with the covariances of the same samples.
+        use: (k,) samples in use.
+    """
+    samples = observations.samples
+    line = replace(like, residual=residual)
+    white = whiten(line, columns, samples, use.astype(np.float64))
+    m, used = residual.shape[1], np.flatnonzero(use)
+    cell, fold = cells(observations, used)
+    share = white.shared / max(used.size, 1)
+    numbers = np.bincount(cell, observations.numbers[used] - share, fold.size)
+    return Rows(
+        white.residual[used].ravel(),
+        white.columns[used].reshape(used.size * m, columns.shape[2]),
+        np.repeat(cell, m),
+        fold,
+        np.maximum(numbers, 1.0),
+        np.sum(white.residual**2, axis=1),
+    )
+
+
+def cells(observations: Observations, used: IntArray) -> tuple[IntArray, IntArray]:
+    """(u,) cell of each sample in use, and (c,) fold of each cell.
+
+    Args:
+        observations: of the robot.
+        used: (u,) indices of the samples.
+    """
+    samples = observations.samples
+    names, cell = np.unique(samples.configuration[used], return_inverse=True)
+    if names.size < CONFIGURATIONS_LEAST:
+        key = np.column_stack([samples.configuration[used], samples.load[used]])
+        names, cell = np.unique(key, axis=0, return_inverse=True)
+    order = np.random.default_rng(0).permutation(len(names))
+    return cell.ravel(), order % min(FOLDS_MAX, len(names))
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Error at cells that were held out, in the stated noise.
+
+    Attributes:
+        squares: (c,) sum of squared normalised errors of each cell.
+        numbers: (c,) numbers measured there.
+    """
+
+    squares: FloatArray
+    numbers: FloatArray
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the normalised errors."""
+        return float(np.sqrt(self.squares.sum() / self.numbers.sum()))
+
+
+def held_out(rows: Rows, columns: FloatArray, precision: FloatArray) -> HeldOut:
+    """Predict each fold from the others.
+
+    Args:
+        rows: of the samples.
+        columns: (r, p) of the model.
+        precision: (p,) of the prior of each parameter about zero; 0: none.
+    """
+    fold = rows.fold[rows.cell]
+    gram, target = columns.T @ columns + np.diag(precision), columns.T @ rows.residual
+    squares = np.empty(rows.fold.size)
+    for f in range(int(rows.fold.max(initial=0)) + 1):
+        out = fold == f
+        mine, left = columns[out], rows.residual[out]
+        value = solve(gram - mine.T @ mine, target - mine.T @ left)
+        error = left - mine @ value
+        here = np.bincount(rows.cell[out], error**2, rows.fold.size)
+        squares = np.where(rows.fold == f, here, squares)
+    return HeldOut(squares, rows.numbers)
+
+
+def solve(matrix: FloatArray, target: FloatArray) -> FloatArray:
+    """(p, ...) solution of positive semidefinite equations; directions without evidence stay zero.
+
+    Args:
+        matrix: (p, p).
+        target: (p, ...).
+    """
+    size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
+    scaled = matrix / np.outer(size, size)
+    right = target / (size if target.ndim == 1 else size[:, None])
+    try:
+        root = np.linalg.cholesky(scaled - 1e-11 * np.eye(size.size))
+        found = np.linalg.solve(root.T, np.linalg.solve(root, right))
+    except np.linalg.LinAlgError:
+        found = np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) @ right
+    return np.asarray(found / (size if target.ndim == 1 else size[:, None]))
+
+
+def groups(parts: Sequence[int]) -> list[slice]:
+    """Slices of parts of given sizes, one after the other."""
+    ends = np.cumsum([0, *parts])
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)]

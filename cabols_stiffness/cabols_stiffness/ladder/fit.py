@@ -1,0 +1,218 @@
+"""Fit of the chosen blocks to the exact balance, with covariance, scatter, the choice's doubt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from cabols_control.checks import BoolArray, FloatArray
+from cabols_stiffness.identification.gauss_newton import Fitted
+from cabols_stiffness.identification.observations import Linearised, Observations
+from cabols_stiffness.ladder.candidates import FLAT, Candidate, draw
+from cabols_stiffness.ladder.choose import Choice
+from cabols_stiffness.ladder.evidence import Rows, motion_of, residual_of, rows_of, solve
+from cabols_stiffness.ladder.scatter import Scatter, scatter_of, weighted
+from cabols_stiffness.model.elastic.arm import Arm, settle
+from cabols_stiffness.model.elastic.blocks import Friction, Rung, Statics
+
+STEPS = 8
+CONVERGED = 0.03
+"""Length of a step, in standard deviations, below which the fit has converged."""
+
+DRAWN = 3
+"""Steps before each of which friction is drawn anew along the deflections."""
+
+WIDEST = 10.0
+"""Most by which held-out errors widen the covariance."""
+
+OUTLIER = 0.01
+"""Chance that a campaign without outliers loses a sample as one."""
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticFit:
+    """Blocks, fitted.
+
+    Attributes:
+        arm: blocks and their values.
+        covariance: (p, p) of the values, with the scatter and the doubt about friction's form.
+        scatter: between configurations.
+        variance: of the residuals, in the stated noise.
+        freedom: numbers measured less parameters and offsets.
+        use: (k,) samples in use.
+        state: of the samples.
+        rows: of the samples in use, at the fit, weighted by the scatter.
+        line: a linearisation with the samples' covariances.
+        columns: (k, m, p) what is measured, by the values.
+        residual: (k, m).
+        steps: Gauss-Newton steps.
+        converged: whether the last one was short enough.
+        widened: factor on the covariance by held-out errors.
+    """
+
+    arm: Arm
+    covariance: FloatArray
+    scatter: Scatter
+    variance: float
+    freedom: int
+    use: BoolArray
+    state: Statics
+    rows: Rows
+    line: Linearised
+    columns: FloatArray
+    residual: FloatArray
+    steps: int
+    converged: bool
+    widened: float = 1.0
+
+
+def fit_choice(observations: Observations, found: Fitted, choice: Choice) -> ElasticFit:
+    """Fit what the ladder chose.
+
+    Args:
+        observations: of the robot.
+        found: fit of the joints alone.
+        choice: of the ladder.
+    """
+    fit = _fitted(observations, found, choice, found.use, None)
+    use = _inliers(observations, fit)
+    if (use != fit.use).any():
+        fit = _fitted(observations, found, choice, use, fit.arm.values)
+    fit = _calibrated(fit, choice)
+    for rival, kept in choice.rivals:
+        fit = _doubted(observations, fit, choice, rival, kept)
+    return fit
+
+
+def prior_precision(taken: tuple[Candidate, ...], noise: float) -> FloatArray:
+    """(p,) precision of the values about zero, for residuals of unit size.
+
+    Args:
+        taken: blocks with their priors.
+        noise: variance of the residuals.
+    """
+    parts = [
+        np.full(one.block.size, 0.0 if one.prior >= FLAT else noise / one.prior**2) for one in taken
+    ]
+    return np.concatenate(parts)
+
+
+def _fitted(
+    observations: Observations,
+    found: Fitted,
+    choice: Choice,
+    use: BoolArray,
+    start: FloatArray | None,
+) -> ElasticFit:
+    samples, robot = observations.samples, observations.robot
+    n, m = robot.n, observations.size
+    blocks = tuple(one.block for one in choice.taken)
+    size = sum(block.size for block in blocks)
+    values = np.concatenate([np.ones(n), np.zeros(size - n)]) if start is None else start
+    deflection, converged, steps = found.deflection, False, 0
+    drawn = np.zeros_like(deflection)
+    scatter = Scatter(np.zeros(n), max(choice.rms**2, 1e-12), np.zeros(n))
+    while True:
+        arm = Arm(blocks, values)
+        friction = arm.friction
+        if friction is not None and steps < DRAWN:
+            drawn = draw(observations, deflection, friction.form, friction.travel, choice.kept)
+        state = settle(
+            robot, arm, samples.joints, samples.wrench, observations.follows, drawn, deflection
+        )
+        deflection = state.deflection
+        residual = residual_of(observations, arm, state)
+        columns = motion_of(observations, state) @ arm.columns(state)
+        rows = rows_of(observations, residual, columns, found.line, use)
+        if steps > 0:
+            scatter = scatter_of(rows, rows.residual, rows.columns[:, :n], quick=not converged)
+        precision = prior_precision(choice.taken, scatter.variance)
+        matrix = weighted(rows, rows.columns[:, :n], scatter, rows.columns)
+        left = weighted(rows, rows.columns[:, :n], scatter, rows.residual)
+        gram = matrix.T @ matrix + np.diag(precision)
+        step = solve(gram, matrix.T @ left - precision * values)
+        if converged or steps == STEPS:
+            break
+        converged = steps > 1 and float(step @ gram @ step) <= CONVERGED**2 * scatter.variance
+        values = values + step
+        steps += 1
+    covariance = solve(gram, np.eye(size))
+    effective = size - float(np.sum(precision * np.diagonal(covariance)))
+    freedom = max(rows.freedom - effective, 1.0)
+    variance = scatter.variance
+    if not scatter.any:
+        variance = float(rows.residual @ rows.residual) / freedom
+        scatter = replace(scatter, freedom=np.full(n, freedom))
+    return ElasticFit(
+        arm=arm,
+        covariance=variance * covariance,
+        scatter=scatter,
+        variance=variance,
+        freedom=round(freedom),
+        use=use,
+        state=state,
+        rows=replace(rows, residual=left, columns=matrix),
+        line=found.line,
+        columns=columns.reshape(-1, m, size),
+        residual=residual,
+        steps=steps,
+        converged=converged,
+    )
+
+
+def _inliers(observations: Observations, fit: ElasticFit) -> BoolArray:
+    """Samples that the chosen model does not contradict; the joints alone leave out more."""
+    numbers = np.maximum(observations.numbers, 1)
+    limit = chi2.ppf((1.0 - OUTLIER) ** (1.0 / numbers.size), numbers)
+    typical = np.median(fit.rows.distances / chi2.ppf(0.5, numbers))
+    return np.asarray(fit.rows.distances <= limit * max(float(typical), 1.0))
+
+
+def _calibrated(fit: ElasticFit, choice: Choice) -> ElasticFit:
+    """Widen the covariance where held-out cells miss by more than it and the noise explain."""
+    rows, precision = fit.rows, prior_precision(choice.taken, fit.variance)
+    target = rows.residual + rows.columns @ fit.arm.values
+    fold = rows.fold[rows.cell]
+    gram, right = rows.columns.T @ rows.columns + np.diag(precision), rows.columns.T @ target
+    excess = stated = 0.0
+    for f in range(int(rows.fold.max(initial=0)) + 1):
+        out = fold == f
+        mine, left = rows.columns[out], target[out]
+        inside = gram - mine.T @ mine
+        error = left - mine @ solve(inside, right - mine.T @ left)
+        numbers = float(rows.numbers[rows.fold == f].sum())
+        excess += float(error @ error) - fit.variance * numbers
+        stated += fit.variance * float(np.sum(mine.T * solve(inside, mine.T)))
+    factor = float(np.clip(excess / max(stated, 1e-300), 1.0, WIDEST))
+    return replace(fit, covariance=factor * fit.covariance, widened=factor)
+
+
+def _doubted(
+    observations: Observations, fit: ElasticFit, choice: Choice, rival: Candidate, kept: bool
+) -> ElasticFit:
+    """Add how far another form of friction moves the other values, as another source of variance.
+
+    Both forms count as equally likely: the variance of two is a quarter of their difference's
+    square. Friction's own values have another meaning in each form and are left as they are.
+    """
+    form = rival.block
+    assert isinstance(form, Friction)
+    own = np.concatenate(
+        [np.full(one.block.size, one.rung is Rung.FRICTION) for one in choice.taken]
+    )
+    drawn = draw(observations, fit.state.deflection, form.form, form.travel, kept)
+    columns = form.columns(replace(fit.state, friction=drawn))
+    measured = motion_of(observations, fit.state) @ columns
+    theirs = rows_of(observations, fit.residual, measured, fit.line, fit.use).columns
+    mine = fit.rows.columns
+    target = fit.rows.residual + mine @ fit.arm.values
+    precision = prior_precision(choice.taken, fit.variance)[~own]
+    both = np.hstack([mine[:, ~own], theirs])
+    gram = both.T @ both + np.diag(np.append(precision, np.zeros(form.size)))
+    value = solve(gram, both.T @ target)[: precision.size]
+    apart = np.zeros(own.size)
+    apart[~own] = value - fit.arm.values[~own]
+    doubt = 0.25 * np.outer(apart, apart) / max(len(choice.rivals), 1)
+    return replace(fit, covariance=fit.covariance + doubt)

@@ -1,0 +1,1 @@
+"""An elastic arm beyond its joints' own stiffness: links, base, coupling, friction, variation."""
