@@ -189,6 +189,11 @@ class Bridge:
         )
 
     @property
+    def count_length(self) -> float:
+        """Length of one count of an encoder, at the cable [m]."""
+        return 1.0 / self._card.counts_per_metre
+
+    @property
     def limbs(self) -> Any:
         """(n,) records of LIMB_READING: what is remembered of each limb; a view."""
         return self._work["limbs"][0]

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from cabols_control.checks import FloatArray
+from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.naming import limb_name
 from cabols_control.rig import Rig
 from cabols_control.supervision.faults import OVERLOAD, FaultName
 from cabols_control.supervision.modes import LOADED, MOVING, OperatingMode
+from cabols_hw.bridge.braking import STILL_M_S
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety import limb_rules, rules
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import AXES, BridgeFault, same_kind
+from cabols_hw.safety.limb_faults import alone_missing, cable_or_switch, limb_fault
 from cabols_hw.safety.pose import PoseWatch
 from cabols_hw.safety.rules import Rule
 
@@ -20,6 +22,10 @@ BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
 SEARCHING = (OperatingMode.PRETIGHTENING, OperatingMode.FREE_MOVING)
 """Modes in which limbs without a zero wind in until their switches close."""
+MISSED_S = 0.1
+"""How long the sensor must miss a limb that its switch calls slack [s]."""
+BEHIND_M_S = 0.05
+"""By which friction and load keep a motor behind its modelled speed, at most [m/s]."""
 LONGEST_STEP_S = 0.005
 """Longest gap between samples over which speeds continue; most time that one sample counts [s]."""
 
@@ -61,6 +67,7 @@ class SafetyEnvelope:
         self._last_volts = np.full(6, np.nan)
         self._since_flat = np.zeros(6)
         self._last_s = np.nan
+        self._missed_s = 0.0
         self._pose = PoseWatch(rig, config)
         self.fault: BridgeFault | None = None
 
@@ -79,6 +86,34 @@ class SafetyEnvelope:
         """(n,) of the motors, winding in [m/s]; 0 where it is not known."""
         speed: FloatArray = np.nan_to_num(self._limbs["last_speed"])
         return speed
+
+    @property
+    def doubtful(self) -> BoolArray:
+        """(n,) limbs whose motion and current do not fit: their encoders may have stopped."""
+        doubtful: BoolArray = self._limbs["motion_s"] > 0.0
+        return doubtful
+
+    @property
+    def drives(self) -> bool:
+        """Whether a motor goes on its own, beyond its current: its amplifier may be the fault.
+
+        One that stays behind its current may be jammed or not be counted: its amplifier is sound.
+        """
+        watch, speed = self._limbs, self.speed
+        lasting = watch["motion_s"] > 0.5 * self._config.motion_time
+        ahead = lasting & (watch["motion_sign"] * speed > STILL_M_S)
+        return bool(ahead.any() or (np.abs(watch["surge"]) >= limb_rules.SURGE_SAMPLES).any())
+
+    def braking_speed(self, doubted: BoolArray) -> FloatArray:
+        """(n,) speeds, winding in: of doubted limbs by the currents, of others by encoders [m/s].
+
+        An encoder that shows much less than the current says is not believed either.
+
+        Args:
+            doubted: (n,) limbs whose encoders are not believed.
+        """
+        modelled, speed = self._limbs["modelled"], self.speed
+        return np.where(doubted | (modelled - speed > BEHIND_M_S), modelled, speed)
 
     def judge(
         self, now_s: float, bridge: Bridge, mode: OperatingMode, recovers: bool = False
@@ -184,6 +219,9 @@ class SafetyEnvelope:
 
     def _judge_limbs(self, dt_s: float, bridge: Bridge, acts: bool) -> BridgeFault | None:
         self._limb_limits["acts"] = acts
+        self._limb_limits["quantum"] = bridge.count_length
+        self._limb_limits["searches"] = self._mode in SEARCHING
+        self._limb_limits["follows"] = self._mode == OperatingMode.FREE_MOVING
         rule, i = limb_rules.judge_limbs(
             dt_s,
             self._limb_limits,
@@ -194,70 +232,20 @@ class SafetyEnvelope:
             bridge.current,
             bridge.switch_closed,
         )
-        if rule == Rule.FINE:
+        if rule == Rule.FINE or (rule == Rule.SLACK and not self._is_slack(dt_s, i, bridge)):
             return None
-        if rule == Rule.CABLE:
-            return self._cable_or_switch(i, bridge)
-        limb, config = self._limbs[i], self._config
-        bound, ahead = float(limb["bound"]), max(float(limb["ahead"]), 0.0)
-        name, reason = {
-            Rule.ENCODER: (FaultName.ENCODER, f"jumped to {limb['last_speed']:.1f} m/s"),
-            Rule.TENSION: (
-                FaultName.TENSION,
-                f"pulls {bound:.1f} N, and {bound + ahead:.1f} N before its motor can be stopped; "
-                f"{config.tension_max:g} N allowed",
-            ),
-            Rule.CABLE_SPEED: (
-                FaultName.CABLE_SPEED,
-                f"winds at {limb['last_speed']:.2f} m/s, {config.cable_speed:g} m/s allowed, and "
-                f"{config.search_speed:g} m/s inwards without a zero",
-            ),
-            Rule.SEARCH: (
-                FaultName.SWITCH,
-                f"wound in {1e3 * config.search_length:.0f} mm and its switch has not moved: "
-                "is it, its wire or its supply broken, or the cable too slack? Check the switch, "
-                "take up the slack by hand, then start the bridge again",
-            ),
-            Rule.SWITCH: (
-                FaultName.SWITCH,
-                f"closed after paying out {1e3 * config.switch_payout:.0f} mm: stuck?",
-            ),
-            Rule.CURRENT: (
-                FaultName.CURRENT,
-                f"at its limit of {self._limb_limits['current_limit'][0]:g} A for "
-                f"{1e3 * config.current_saturated:.0f} ms",
-            ),
-            Rule.MOTION: (
-                FaultName.MOTION,
-                f"more than {config.motion_current:g} A are not in its motion; jammed, a slipping "
-                "encoder or an amplifier's offset?",
-            ),
-        }[Rule(rule)]
-        return BridgeFault(name, f"{limb_name(i)}: {reason}", -1 if rule == Rule.TENSION else i)
+        if rule == Rule.CABLE or rule == Rule.SLACK:
+            return cable_or_switch(i, float(self._limbs["bound"][i]), bridge)
+        return limb_fault(Rule(rule), i, self._limbs[i], self._limb_limits[0], self._config)
 
-    def _cable_or_switch(self, i: int, bridge: Bridge) -> BridgeFault:
-        """Distinguish a broken cable, whose force is missing, from a switch that is stuck open."""
-        tension = float(self._limbs["bound"][i])
-        if not bridge.zeroed[i]:
-            return BridgeFault(
-                FaultName.SWITCH,
-                f"{limb_name(i)}: open, but since it last moved the limb has wound in to "
-                f"{tension:.1f} N: is the switch or its wire broken? Check it first",
-                i,
-            )
-        column = bridge.structure[:3, i]
-        measured = bridge.rotation @ bridge.wrench[:3]
-        missing = float(column @ (bridge.structure[:3] @ bridge.tension - measured))
-        if missing > 0.5 * tension:
-            return BridgeFault(
-                FaultName.CABLE,
-                f"{limb_name(i)}: elongation says {tension:.1f} N, switch and sensor say none: "
-                "broken?",
-                i,
-            )
-        return BridgeFault(
-            FaultName.SWITCH, f"{limb_name(i)}: open at an estimated {tension:.1f} N: stuck?", i
-        )
+    def _is_slack(self, dt_s: float, i: int, bridge: Bridge) -> bool:
+        """Whether the sensor, too, misses a limb whose switch has said for long that it is slack.
+
+        A pose that is some millimetres off leaves a switch open, too.
+        """
+        missed = bridge.tared and bool(bridge.zeroed.all()) and alone_missing(i, bridge)
+        self._missed_s = self._missed_s + dt_s if missed else 0.0
+        return self._missed_s > MISSED_S
 
     def _judge_sensor(self, dt_s: float, bridge: Bridge) -> BridgeFault | None:
         rule, gauge = rules.judge_sensor(

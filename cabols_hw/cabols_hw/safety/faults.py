@@ -71,10 +71,11 @@ trusted; cutting is chosen where they cannot, or where the meantime is unknown.
 """
 
 BRAKED: frozenset[FaultName] = frozenset(
-    {FaultName.CURRENT, FaultName.ENCODER, FaultName.COMMAND_AGE}
+    {FaultName.CURRENT, FaultName.ENCODER, FaultName.COMMAND_AGE, FaultName.MOTION}
     | {name for name, reaction in FAULTS.items() if reaction is Reaction.UNLOAD}
 )
 """Faults that leave the amplifiers sound: motors that wind in are braked before anything else.
+After MOTION only where no motor goes beyond its current; see SafetyEnvelope.drives.
 
 A motor that is cut at 0.1 m/s coasts for v T, which adds 55 to 124 N on the reference bench.
 """

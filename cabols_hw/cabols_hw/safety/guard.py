@@ -8,7 +8,7 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.rig import Rig
 from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
-from cabols_hw.bridge.braking import Braking, Yielding, pay_out_only
+from cabols_hw.bridge.braking import Braking, Governor, Yielding, pay_out_only
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.bridge.unloading import Unloading
 from cabols_hw.bridge.watchdog import CommandWatchdog, merge_into
@@ -28,6 +28,7 @@ class BridgeGuard:
     Attributes:
         safety: the envelope; its `fault` is the one in force.
         braking: of motors that wind in.
+        governor: of their speed.
         unloading: the bridge's own unloading.
         yielding: to a platform whose pose is lost.
         ending: set to unload at the next sample, because the process is to end.
@@ -45,6 +46,7 @@ class BridgeGuard:
         n = rig.geometry.cables
         self.safety = SafetyEnvelope(rig, config, rig.control.current_limit)
         self.braking = Braking(rig)
+        self.governor = Governor(rig)
         self.unloading = Unloading(rig)
         self.yielding = Yielding(rig)
         self._watchdog = CommandWatchdog(n, watchdog_s)
@@ -52,6 +54,7 @@ class BridgeGuard:
         self._commanded = np.zeros(n)
         self._rest = np.zeros(n)
         self._trusted: BoolArray = np.zeros(n, dtype=np.bool_)
+        self._doubted: BoolArray = np.zeros(n, dtype=np.bool_)
         self._unloads = self._yields = False
         self._moved = False
         self._emergency = False
@@ -156,7 +159,9 @@ class BridgeGuard:
             return pay_out_only(self._commanded, self.safety.speed)
         if self.power_on is not None:
             return self.power_on.bounded(mode, self._commanded)
-        return self._commanded
+        if mode == OperatingMode.COMMISSIONING:
+            return self._commanded
+        return self.governor.limit(self._commanded, self.safety.speed)
 
     def emergency_stop(self) -> None:
         """Cut, also an unloading of another fault; holds until STOPPED."""
@@ -168,6 +173,7 @@ class BridgeGuard:
         self.unloading.stop()
         self.yielding.stop()
         self._unloads = self._yields = False
+        self._doubted[:] = False
 
     def press_stop(self) -> None:
         """Cut as emergency_stop() does; holds, in every mode, until release_stop()."""
@@ -214,14 +220,19 @@ class BridgeGuard:
         follows = mode == OperatingMode.FREE_MOVING
         follows = follows and (self._unloads or fault.name == FaultName.COMMAND_AGE)
         self._yields = fault.name in POSE_LOST or follows
-        if fault.name in BRAKED:
-            self.braking.begin(now_s, fault.limb if fault.name == FaultName.ENCODER else -1)
+        self._doubted[:] = self.safety.doubtful if fault.name == FaultName.MOTION else False
+        if fault.name == FaultName.ENCODER:
+            self._doubted[fault.limb] = True
+        if fault.name in BRAKED and not (fault.name == FaultName.MOTION and self.safety.drives):
+            self.braking.begin(now_s)
 
     def _recover(self, now_s: float, bridge: Bridge) -> None:
         """Take the reaction's next step."""
         speed = self.safety.speed
+        if self.braking.active and self._doubted.any() and self.safety.drives:
+            self._rest_all()
         if self.braking.active:
-            self.braking.step(now_s, speed)
+            self.braking.step(now_s, self.safety.braking_speed(self._doubted))
         if self.braking.active:
             return
         tension = self.safety.tension_bound

@@ -10,8 +10,8 @@ from numba import njit
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_hw.safety.rules import Rule
 
-OBSERVER_RATE = 100.0
-"""Bandwidth of the observer that separates current from motion [1/s]: 10 ms."""
+OBSERVER_RATE = 200.0
+"""Bandwidth of the observer that separates current from motion [1/s]: 5 ms."""
 
 LONG_SAMPLE_S = 0.0035
 """In a sample that took longer nobody knows which current flowed when: the observer starts anew."""
@@ -19,6 +19,16 @@ BRAKE_LAG_S = 0.006
 """From a sample to the whole braking current: two samples, and the ramp of the current."""
 FIRM_S = 0.005
 """A switch that was open for so long was not merely bouncing when it closes [s]."""
+SURGE_A = 2.0
+"""Current beyond all commands of the last samples that two samples in a row may not show [A]: an
+amplifier that drives by itself is found by it within 3 ms, where the observer takes 5 to 7."""
+SURGE_SAMPLES = 2.0
+SLACK_S = 0.3
+"""A limb whose switch has been open for so long although it should be closed may be slack [s]."""
+SLACK_N = 1.0
+"""By how much its estimate must be beyond the switch's tension for that [N]."""
+MODEL_RATE = 5.0
+"""At which the modelled speed follows the measured one [1/s]: slower than any stop."""
 
 LIMB_LIMITS = np.dtype(
     [
@@ -37,6 +47,9 @@ LIMB_LIMITS = np.dtype(
         ("motion_current", np.float64),
         ("motion_time", np.float64),
         ("switch_payout", np.float64),
+        ("quantum", np.float64),  # length of one count [m]
+        ("searches", np.int64),  # whether limbs without a zero go by their switches alone
+        ("follows", np.int64),  # whether limbs with one hold more than closes their switches
     ],
     align=True,
 )
@@ -54,7 +67,13 @@ LIMB_WATCH = np.dtype(
         ("current_s", np.float64),  # how long the current has been at its limit [s]
         ("motion_s", np.float64),  # how long current has been missing from the motion [s]
         ("motion_sign", np.float64),  # to which side
+        ("modelled", np.float64),  # speed by the currents, whatever the encoder says [m/s]
+        ("last_dt", np.float64),  # length of the sample before [s]
+        ("commanded", np.float64, (3,)),  # currents of the samples before, newest first [A]
+        ("surge", np.float64),  # samples in a row with a current beyond all of them; their sign
         ("open_s", np.float64),  # how long the switch has been open [s]; 0: it is closed
+        ("slack_s", np.float64),  # how long the switch has called it slack, in FREE_MOVING [s]
+        ("farthest", np.float64),  # wound in since the switch opened, at most [m]
         ("slack_stretch", np.float64),  # stretch at which the cable would be slack [m]; NaN: start
         ("proven", np.int64),  # whether the switch has shown that, not only the start
         ("bound", np.float64),  # largest tension that fits all of that [N]
@@ -75,7 +94,7 @@ def forget_motion(watch: Any) -> None:
     for i in range(watch.shape[0]):
         watch[i]["last_wound"] = np.nan
         watch[i]["last_speed"] = np.nan
-        watch[i]["observed"] = 0.0
+        watch[i]["observed"] = watch[i]["surge"] = 0.0
 
 
 @njit(cache=True)
@@ -122,6 +141,57 @@ def _stopping_distance(own: Any, current: float, current_limit: float) -> float:
 
 
 @njit(cache=True)
+def _model_speed(own: Any, speed: float, current: float, dt_s: float) -> None:
+    """Follow (3.11) by the current, and the measured speed only slowly.
+
+    A motor whose encoder has stopped counting is stopped by it.
+
+    Args:
+        own: record of LIMB_WATCH.
+        speed: measured [m/s]; NaN: not known.
+        current: on the amplifier [A].
+        dt_s: of the sample [s].
+    """
+    if np.isnan(speed):
+        return
+    rate = (own["gain"] * current - own["modelled"]) / own["time_constant"]
+    own["modelled"] += min(dt_s, LONG_SAMPLE_S) * (rate + MODEL_RATE * (speed - own["modelled"]))
+
+
+@njit(cache=True)
+def _note_surge(own: Any, quantum: float, speed: float, current: float, dt_s: float) -> None:
+    """Count the samples in a row in which a motor gets more current than anybody commanded.
+
+    The current follows from two speeds by (3.11). When in a sample a command came is not known, so
+    those of the last four all may explain it; so may the encoder's steps. A motor that stays
+    behind its current does not count here.
+
+    Args:
+        own: record of LIMB_WATCH, of the sample before.
+        quantum: length of one count [m].
+        speed: in this sample [m/s].
+        current: on the amplifier at its end [A].
+        dt_s: its length [s].
+    """
+    before = own["last_speed"]
+    mean_s = 0.5 * (dt_s + own["last_dt"])
+    low, high = min(current, 0.0), max(current, 0.0)
+    for k in range(3):
+        low, high = min(low, own["commanded"][k]), max(high, own["commanded"][k])
+    for k in range(2, 0, -1):
+        own["commanded"][k] = own["commanded"][k - 1]
+    own["commanded"][0], own["last_dt"] = current, dt_s
+    inertia = own["time_constant"] / own["gain"]
+    shown = inertia * (speed - before) / mean_s + 0.5 * (speed + before) / own["gain"]
+    allowed = SURGE_A + 2.0 * quantum * inertia / (dt_s * mean_s)
+    if dt_s > LONG_SAMPLE_S or not low - allowed <= shown <= high + allowed:
+        sign = 0.0 if dt_s > LONG_SAMPLE_S or np.isnan(shown) else np.sign(shown - high)
+        own["surge"] = sign + (own["surge"] if own["surge"] * sign > 0.0 else 0.0)
+    else:
+        own["surge"] = 0.0
+
+
+@njit(cache=True)
 def _rule_of(
     own: Any, most: Any, zeroed: bool, closed: bool, tension: float, current: float
 ) -> int:
@@ -136,7 +206,8 @@ def _rule_of(
         current: on the amplifier [A].
     """
     speed, bound, ahead = own["last_speed"], own["bound"], own["ahead"]
-    unexplained = own["motion_s"] > 0.0
+    # A load, or friction, takes current away: only a motor ahead of its current goes by itself.
+    unexplained = own["motion_s"] > 0.0 and own["motion_sign"] * speed > 0.0
     winds = speed > 0.0 or current > 0.0
     if zeroed:
         heavy = not tension <= most["tension_max"] or tension + ahead > most["tension_max"]
@@ -157,7 +228,7 @@ def _rule_of(
         return Rule.CABLE.value
     if own["current_s"] > most["current_saturated"]:
         return Rule.CURRENT.value
-    if own["motion_s"] > most["motion_time"]:
+    if own["motion_s"] > most["motion_time"] or abs(own["surge"]) >= SURGE_SAMPLES:
         return Rule.MOTION.value
     return Rule.FINE.value
 
@@ -192,6 +263,7 @@ def judge_limbs(
         The broken Rule, or FINE, and the limb.
     """
     found, limb, most = Rule.FINE.value, -1, limits[0]
+    slack = -1
     acts = most["acts"] != 0
     for i in range(wound.shape[0]):
         own, reading = watch[i], readings[i]
@@ -200,6 +272,7 @@ def judge_limbs(
         # NaN after a gap: no comparison holds then.
         speed = (wound[i] - own["last_wound"]) / dt_s
         jumped = abs(speed - own["last_speed"]) > most["encoder_jump"]
+        _note_surge(own, most["quantum"], speed, current[i], dt_s)
         if jumped:
             # Not the cable moved, but the count.
             own["slack_stretch"] += dt_s * (speed - own["last_speed"])
@@ -215,12 +288,14 @@ def judge_limbs(
         missing = 0.0 if np.isnan(speed) else OBSERVER_RATE * (speed - own["observed"])
         pull = (gain * current[i] - own["observed"]) / time_constant + missing
         own["observed"] += dt_s * pull
+        _model_speed(own, np.nan if jumped else speed, current[i], dt_s)
         _track_slack(own, most, reading, closed[i], dt_s)
         own["ahead"] = most["stiffness"] * _stopping_distance(
             own, current[i], most["current_limit"]
         )
         if not acts:
-            own["cable_s"] = own["current_s"] = own["motion_s"] = 0.0
+            own["cable_s"] = own["current_s"] = own["motion_s"] = own["surge"] = 0.0
+            own["farthest"] = wound[i]
             continue
         share = abs(missing) * time_constant / gain / most["motion_current"]
         broken = (
@@ -229,6 +304,14 @@ def judge_limbs(
             and not own["bound"] <= most["cable_tension"]
         )
         paid_out = own["began"] - wound[i]
+        if closed[i] or most["searches"] == 0 or wound[i] > own["farthest"] or jumped:
+            own["farthest"] = wound[i]
+        lost = not zeroed and own["farthest"] - wound[i] > most["search_length"]
+        taut = most["stiffness"] * most["switch_elongation"] + SLACK_N
+        contradicts = zeroed and not closed[i] and most["follows"] != 0 and own["bound"] > taut
+        own["slack_s"] = own["slack_s"] + dt_s if contradicts else 0.0
+        if own["slack_s"] > SLACK_S:
+            slack = i
         stuck = closed[i] and not zeroed and paid_out > most["switch_payout"]
         saturated = abs(current[i]) >= 0.99 * most["current_limit"]
         own["cable_s"] = own["cable_s"] + dt_s if broken else 0.0
@@ -247,6 +330,10 @@ def judge_limbs(
         rule = _rule_of(own, most, zeroed, closed[i], tension[i], current[i])
         if stuck and (rule == Rule.FINE or rule == Rule.CURRENT or rule == Rule.MOTION):
             rule = Rule.SWITCH.value
+        if lost and rule == Rule.FINE:
+            rule = Rule.PAYOUT.value
         if rule != Rule.FINE:
             found, limb = rule, i
+    if found == Rule.FINE and slack >= 0:
+        found, limb = Rule.SLACK.value, slack
     return found, limb

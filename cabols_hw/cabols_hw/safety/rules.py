@@ -31,6 +31,8 @@ class Rule(IntEnum):
     ESTIMATE = 11
     CABLE_SPEED = 12
     SEARCH = 13
+    PAYOUT = 14
+    SLACK = 15
 
 
 ALL_FLAT = 0.1

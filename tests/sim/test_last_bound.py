@@ -1,0 +1,150 @@
+"""What the bridge does after all controllers: amplifiers that drive, speeds, encoders that stop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cabols_control.supervision.modes import OperatingMode
+from cabols_sim.fault_campaign.in_process.kinds import generated_kinds
+from cabols_sim.fault_campaign.in_process.trials import Bench, run_trial
+
+OFF_WITHIN_S = 0.003
+"""From an amplifier's own full current to amplifiers off."""
+FULL_A = 6.5
+
+
+@pytest.fixture(scope="module")
+def bench():
+    return Bench()
+
+
+def kind(name):
+    return next(one for one in generated_kinds() if one.name == name)
+
+
+def loaded(bench, wrench=(60.0, -30.0, 40.0, 0.0, 0.0, 1.0)):
+    rig = bench.zeroed(1)
+    rig.mode = OperatingMode.LOADING
+    rig.desired[:] = wrench
+    rig.run(0.8)
+    assert rig.guard.fault is None
+    return rig
+
+
+@pytest.mark.parametrize("limb", range(8))
+def test_amplifier_that_delivers_all_is_off_within_3_ms(bench, limb):
+    """The motor then coasts by v T, so that the cable gains k_e k i t_off at most."""
+    rig = loaded(bench)
+    limbs, before, struck_s = rig.rig.limbs, rig.plant.tension[limb], rig.now_s
+    rig.plant.inject("amplifier_offset", limb, FULL_A)
+    peak = before
+    while rig.now_s < struck_s + 0.8:
+        rig.cycle()
+        peak = max(peak, rig.plant.tension[limb])
+        if rig.guard.enabled:
+            off_s = rig.now_s - struck_s
+    assert rig.guard.fault.name == "motion"
+    assert off_s <= OFF_WITHIN_S
+    most = limbs.stiffness * limbs.gain[limb] * FULL_A * OFF_WITHIN_S
+    assert peak - before <= 1.2 * most
+
+
+@pytest.mark.parametrize("limb", [0, 3, 6])
+@pytest.mark.parametrize("mode", [OperatingMode.LOADING, OperatingMode.FREE_MOVING])
+def test_no_command_makes_a_motor_too_fast_to_be_stopped(bench, mode, limb):
+    rig = bench.zeroed(2)
+    rig.mode = mode
+    rig.run(0.3)
+
+    def wrong(current):
+        changed = current.copy()
+        changed[limb] = 3.0
+        return changed
+
+    rig.change_current = wrong
+    fastest = peak = 0.0
+    for _ in range(800):
+        rig.cycle()
+        fastest = max(fastest, rig.plant._state["motor_speed"][limb])
+        peak = max(peak, rig.plant.tension.max())
+    assert rig.guard.fault is not None
+    assert fastest <= 1.03 * rig.guard.governor.most_speed[limb]
+    assert peak <= 150.0
+
+
+def test_governor_leaves_a_step_of_all_that_is_rated_alone(bench):
+    rig = bench.zeroed(0)
+    rig.mode = OperatingMode.LOADING
+    fastest = np.zeros(8)
+    for sign in (1.0, -1.0):
+        rig.desired[:] = sign * np.array([80.0, -60.0, 100.0, 1.0, -2.0, 2.0])
+        for _ in range(800):
+            rig.cycle()
+            fastest = np.maximum(fastest, rig.guard.safety.speed)
+    assert rig.guard.fault is None
+    assert (fastest < rig.guard.governor.most_speed).all()
+
+
+@pytest.mark.parametrize("seed", [1, 6])
+def test_trip_under_load_is_not_taken_for_an_amplifiers_fault(bench, seed):
+    """A motor that a load slows goes behind its current; it must still be braked: 889 N else."""
+    trial = run_trial(bench, kind("robot moves: currents reversed"), seed)
+    assert trial["detected"]
+    assert trial["peak_tension_n"] <= 150.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_motor_whose_encoder_has_stopped_is_braked_by_its_current(bench, seed):
+    trial = run_trial(bench, kind("started: encoder frozen"), seed)
+    assert trial["found_by"] == "motion"
+    assert trial["peak_tension_n"] < 12.0
+
+
+@pytest.mark.parametrize("current", [-0.3, -0.8, -2.5])
+def test_limb_that_a_controller_pays_out_is_reported(bench, current):
+    rig = bench.started(1)
+    rig.mode = OperatingMode.PRETIGHTENING
+    rig.run(0.1)
+    rig.change_current = lambda wanted: np.where(np.arange(8) == 4, current, wanted)
+    rig.run(2.0, lambda: rig.guard.fault is not None)
+    assert rig.guard.fault.name == "switch"
+    assert rig.guard.fault.limb == 4
+
+
+@pytest.mark.parametrize(("limb", "rate"), [(0, 0.02), (5, 0.03), (7, 0.02)])
+def test_encoder_that_loses_counts_slowly_while_the_robot_moves(bench, limb, rate):
+    """The cable gets slack, its estimate does not; switch and sensor together tell."""
+    rig = bench.zeroed(limb)
+    rig.mode = OperatingMode.FREE_MOVING
+    rig.run(0.3)
+    rig.robot.move(np.array([0.02, 0.0, 0.03]))
+    began_s, sense = rig.now_s, rig.plant.sense
+
+    def drifting():
+        counts, gauges, lines = sense()
+        counts[limb] += int(1e6 * rate * (rig.now_s - began_s))
+        return counts, gauges, lines
+
+    rig.plant.sense = drifting
+    rig.run(2.0, lambda: rig.guard.fault is not None)
+    assert rig.guard.fault.name == "cable"
+    assert rig.guard.fault.limb == limb
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pose_that_is_off_by_millimetres_is_not_taken_for_a_slack_cable(bench, seed):
+    """A switch may stay open then, but the sensor has the force."""
+    rig = bench.zeroed(seed)
+    rig.mode = OperatingMode.FREE_MOVING
+    rig.run(0.3)
+    offset = np.random.default_rng(seed).normal(size=3)
+    offset *= 0.002 / np.linalg.norm(offset)
+    moved_s = rig.now_s
+
+    def wrong(position, rotation):
+        return position + min(1.0, 4.0 * (rig.now_s - moved_s)) * offset, rotation
+
+    rig.change_pose = wrong
+    rig.run(2.5)
+    assert rig.guard.fault is None
