@@ -20,7 +20,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-TWO = ("-n", "2", "--dist", "loadfile")
+TWO = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
+"""Two processes, a file at a time, in the order of tests/harness/longest_first.py."""
 PARTS = (("not (ros or realtime)", TWO), ("ros and not realtime", TWO), ("realtime", ()))
 """Tests that run one part after the other, and how pytest runs them."""
 COUNTS = "CABOLS_TEST_COUNTS"

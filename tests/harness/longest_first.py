@@ -1,0 +1,20 @@
+"""Files whose tests may take longest begin first, so that no process waits for one at the end."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def limit_s(item):
+    """Time-out of one test: its mark's, or that of the settings."""
+    mark = item.get_closest_marker("timeout")
+    return float(mark.args[0]) if mark and mark.args else float(item.config.getini("timeout"))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Sort the files by their longest time-out; within a file, and among equals, nothing moves."""
+    longest = {}
+    for item in items:
+        longest[item.path] = max(longest.get(item.path, 0.0), limit_s(item))
+    items.sort(key=lambda item: -longest[item.path])
