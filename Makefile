@@ -121,6 +121,10 @@ bench-stiffness: setup  ## identify simulated stiffness campaigns, hundreds of t
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_stiffness.py $(ARGS)
 
+bench-verdict: setup  ## data sets drawn by seed: good ones refused, wrong ones accepted (an hour; ARGS=--short: minutes)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_verdict.py $(ARGS)
+
 bench-design: setup  ## count the loads that an optimal stiffness campaign saves
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_design.py $(ARGS)

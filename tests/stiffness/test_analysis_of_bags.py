@@ -86,6 +86,8 @@ def test_analysis_of_a_bag_finds_the_truth_and_says_where_it_is_from(bag, tmp_pa
     assert provenance["parameters"]["version of scipy"]
     report = (tmp_path / "report.html").read_text("utf-8")
     assert "Joint stiffness" in report
+    assert f"<strong>{content['verdict']['grade']}</strong>" in report
+    assert "Cochran" in report
     assert not re.search(r'<(script|link|img)[^>]*(src|href)="?http', report)
     header, first, *_ = (tmp_path / "stiffness.csv").read_text("utf-8").splitlines()
     assert header.startswith("joint,configuration_1_nm_per_rad")

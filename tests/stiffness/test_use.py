@@ -24,6 +24,7 @@ from cabols_stiffness.identification.validation import validate
 from cabols_stiffness.model.balance import balance
 from cabols_stiffness.model.compensation import correct
 from cabols_stiffness.model.compliance import cartesian_compliance, compliance_table
+from cabols_stiffness.model.identity import require_inside
 from cabols_stiffness.model.prediction import law_of, predict
 from cabols_stiffness.model.screws import logarithm, turn
 from stiffness_bench import (
@@ -131,7 +132,32 @@ def test_compensation_refuses_what_it_cannot_do(result):
     # A torque that bends joint 5 outwards, so that the command goes past its limit.
     bending = np.linalg.solve(ROBOT.jacobian(beyond).T, 5.0 * np.eye(6)[4])
     with pytest.raises(CabolsError, match="within"):
-        correct(result, ROBOT, beyond, bending)
+        correct(result, ROBOT, beyond, bending, anywhere=True)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_compensation_refuses_poses_far_from_the_data(result, joint):
+    low, high = result.origin.joints[joint]
+    for outside in (low - 0.6, high + 0.6):
+        joints = bench_configurations()[0].copy()
+        joints[joint] = outside
+        with pytest.raises(CabolsError, match=rf"joint_{joint + 1} near the identified"):
+            correct(result, ROBOT, joints, 0.1 * LOAD)
+    joints[joint] = high + 0.2
+    assert correct(result, ROBOT, joints, 0.1 * LOAD).joints.shape == (6,)
+
+
+def test_compensation_refuses_loads_beyond_the_data(result):
+    joints = bench_configurations()[0]
+    with pytest.raises(CabolsError, match="identify with larger loads"):
+        correct(result, ROBOT, joints, 8.0 * LOAD)
+    assert correct(result, ROBOT, joints, 8.0 * LOAD, anywhere=True).prediction.extrapolated
+
+
+def test_a_joint_that_has_turned_whole_turns_is_where_it_was(result):
+    joints = bench_configurations()[0]
+    turned = joints + 2.0 * np.pi * np.array([0, 0, 0, 0, 0, 1])
+    require_inside(result, ROBOT, turned)
 
 
 def test_compliance_table_is_that_of_the_jacobian(result):

@@ -16,6 +16,7 @@ from cabols_stiffness.analysis.study import Study
 from cabols_stiffness.analysis.tables import stiffness_table, summary
 from cabols_stiffness.measurements.measured_load import INDICES
 from cabols_stiffness.model.compliance import compliance_table
+from cabols_stiffness.model.verdict_text import verdict_rows
 
 RATED_N = 60.0
 """Weight of the rated load of an IRB 1600-6, about."""
@@ -52,6 +53,8 @@ def write_report(
         f"{source.rig_s:.0f} s of the rig's time",
         script=script,
         summary=summary(study),
+        verdict=study.result.verdict,
+        verdict_rows=_verdict_rows(study),
         table={"header": header, "rows": rows},
         joint_plots=divs[: len(joints)],
         validation_plots=divs[len(joints) : len(joints) + len(checked)],
@@ -65,6 +68,11 @@ def write_report(
     target = Path(path)
     target.write_text(text, encoding="utf-8")
     return target
+
+
+def _verdict_rows(study: Study) -> list[tuple[str, str]]:
+    verdict = study.result.verdict
+    return [] if verdict is None else verdict_rows(verdict, study.robot.joint_names)
 
 
 def _hashes(source: Source) -> dict[str, str]:

@@ -14,6 +14,7 @@ from cabols_stiffness.identification.validation import Validation
 from cabols_stiffness.measurements.measured_load import columns, to_cells
 from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import JOINTS
+from cabols_stiffness.model.verdict_text import verdict_lines
 
 Rows = list[list[str]]
 
@@ -43,9 +44,10 @@ def stiffness_table(study: Study) -> tuple[list[str], Rows]:
 
 
 def summary(study: Study) -> str:
-    """What an analysis found, for the terminal."""
+    """What an analysis found, for the terminal: its verdict, then numbers."""
     result, frames = study.result, study.frames
-    lines = ["joint   stiffness [Nm/rad]   deviation    95 % interval"]
+    lines = [] if result.verdict is None else verdict_lines(result.verdict)
+    lines.append("joint   stiffness [Nm/rad]   deviation    95 % interval")
     for j in range(JOINTS):
         if not result.identifiable[j]:
             lines.append(f"{number(j):5d}   not identifiable from these loads")

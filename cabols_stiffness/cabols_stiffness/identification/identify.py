@@ -24,7 +24,7 @@ from scipy.stats import t as student
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.identification.adequacy.judge import judge
-from cabols_stiffness.identification.adequacy.normal import RandomEffects
+from cabols_stiffness.identification.adequacy.normal import LEAST_MEAN, RandomEffects
 from cabols_stiffness.identification.adequacy.wrong_data import wrong_data
 from cabols_stiffness.identification.gauss_newton import (
     Fitted,
@@ -238,7 +238,7 @@ def summarise(
         estimated = np.flatnonzero(np.diagonal(found.covariance) > 0.0)
         normalised = normalised.copy()
         normalised[np.ix_(estimated, estimated)] = between.covariance
-        change = np.clip(between.change[:n], -0.8, 4.0)
+        change = np.maximum(between.change[:n], LEAST_MEAN - 1.0)
         parameters = replace(parameters, compliance=parameters.compliance * (1.0 + change))
         width, scatter = student.ppf(0.5 + 0.5 * CONFIDENCE, between.freedom), between.scatter
     relative = np.sqrt(np.diagonal(normalised))

@@ -12,8 +12,9 @@ import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_stiffness.identification.adequacy.normal import (
-    CERTAIN,
+    LEAST_MEAN,
     Blocks,
+    are_different,
     blocks,
     heterogeneity,
     random_effects,
@@ -68,14 +69,16 @@ def _scattered(observations: Observations, model: Model, start: Parameters) -> F
     """Fit with the samples that scatter explains; None where it does not explain the misfit."""
     whole = fit(observations, model, start, robust=False)
     rows, parts = _parts(observations, whole)
-    if len(parts.configuration) < 3 or not heterogeneity(parts).probability < CERTAIN:
+    if not are_different(parts, heterogeneity(parts)):
         return None
     n = whole.deflection.shape[1]
-    scatter = np.minimum(random_effects(parts, n).scatter, MOST_SCATTER)
-    own = rows.columns[:, :, :n] * scatter
+    pooled = random_effects(parts, n)
+    mean = np.maximum(1.0 + pooled.change, LEAST_MEAN)
+    own = rows.columns[:, :, :n] * (np.minimum(pooled.scatter, MOST_SCATTER) * mean[:n])
+    residual = rows.residual - rows.columns @ pooled.change
     spread = own @ own.swapaxes(1, 2) + np.eye(own.shape[1])
-    weighted = np.linalg.solve(spread, rows.residual[..., None])[..., 0]
-    use: BoolArray = inliers(np.sum(rows.residual * weighted, axis=1), observations.numbers)
+    weighted = np.linalg.solve(spread, residual[..., None])[..., 0]
+    use: BoolArray = inliers(np.sum(residual * weighted, axis=1), observations.numbers)
     found = fit(observations, model, whole.parameters, robust=False, use=use)
     return found if _parts(observations, found)[1].variance <= MOST_VARIANCE else None
 

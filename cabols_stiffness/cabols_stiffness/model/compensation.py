@@ -12,7 +12,8 @@ from cabols_control.errors import CabolsError
 from cabols_control.naming import joint_name, joint_names
 from cabols_stiffness.model.balance import Law
 from cabols_stiffness.model.elastic.prediction import correct_elastic
-from cabols_stiffness.model.prediction import Prediction, law_of, predict
+from cabols_stiffness.model.identity import UnusableResultError, require_inside
+from cabols_stiffness.model.prediction import BEYOND, Prediction, law_of, predict
 from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import turn
@@ -43,6 +44,7 @@ def correct(
     wrench: ArrayLike,
     *,
     follows: bool = False,
+    anywhere: bool = False,
 ) -> Correction:
     """Compute the command with which the loaded robot reaches the pose meant for the unloaded one.
 
@@ -56,15 +58,20 @@ def correct(
         joints: (6,) where the unloaded robot is meant to be [rad].
         wrench: (6,) on the tool at its origin [N, N m]; base axes, or the tool's if it follows it.
         follows: whether the wrench turns with the tool.
+        anywhere: allow poses and loads beyond those that the result is from.
 
     Raises:
         ShapeError: if an argument has another shape or is not finite.
-        CabolsError: if a joint was not identified, the model is "as_published", the robot cannot
-            balance the wrench, or the command is beyond a joint's limit.
+        CabolsError: if a joint was not identified, the model is "as_published", the pose is far
+            from the identified ones or the load beyond them, the robot cannot balance the wrench,
+            or the command is beyond a joint's limit.
     """
     if result.elastic is not None:
         prediction = predict(result, robot, joints, wrench, follows=follows)
         at, load = np.asarray(joints, np.float64)[None], np.asarray(wrench, np.float64)[None]
+        if not anywhere:
+            require_inside(result, robot, at[0])
+            _require_small(result, robot, prediction)
         model = replace(result.elastic, robot=robot)
         command = correct_elastic(model, at, load, follows=follows)
         return Correction(command[0], prediction, prediction.covariance)
@@ -76,6 +83,9 @@ def correct(
         )
     at = finite_array("joints", joints, (robot.n,))
     prediction = predict(result, robot, at, wrench, follows=follows)
+    if not anywhere:
+        require_inside(result, robot, at)
+        _require_small(result, robot, prediction)
     posture = robot.posture(at[None])
     load = finite_array("wrench", wrench, (6,))[None]
     torque = posture.torque(turn(posture.rotation, load) if follows else load)
@@ -95,6 +105,19 @@ def correct(
     spread = columns @ result.parameter_covariance @ columns.T
     jacobian = posture.jacobian[0]
     return Correction(command, prediction, np.asarray(jacobian @ spread @ jacobian.T))
+
+
+def _require_small(result: StiffnessResult, robot: RobotModel, found: Prediction) -> None:
+    """Refuse loads under which a joint deflects farther than it did in the data."""
+    most = BEYOND * result.joint_range
+    beyond = np.abs(found.joints) > most
+    if beyond.any():
+        j = int(np.flatnonzero(beyond)[0])
+        raise UnusableResultError(
+            f"wrench: expected one that deflects {robot.joint_names[j]} by at most {most[j]:.3g}, "
+            f"{BEYOND:g} times what it was identified with, got {abs(found.joints[j]):.3g} (rad, "
+            "or m); identify with larger loads, or allow it (anywhere=True)"
+        )
 
 
 def _solved(law: Law, torque: FloatArray, start: FloatArray) -> FloatArray:

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_stiffness.model.result import Origin, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
+
+MARGIN = (0.35, 0.1)
+"""Beyond the joint positions of the data that a pose may be, or a quarter of their span if that is
+more: a joint that turns [rad], one that slides [m]."""
+
+SPAN = 0.25
 
 WORST_RMS = 3.0
 """Normalised residual beyond which a result without a verdict is not used."""
@@ -47,6 +56,37 @@ def require_usable(result: StiffnessResult, robot: RobotModel) -> None:
             f"result: expected a normalised residual of at most {WORST_RMS:g}, got "
             f"{result.residual_rms:.3g}: the model does not explain the data"
         )
+
+
+def require_inside(result: StiffnessResult, robot: RobotModel, joints: FloatArray) -> None:
+    """Refuse a pose far from those that a result is from.
+
+    Args:
+        result: of an identification; without a range (an old file) nothing is known to be outside.
+        robot: that it is of.
+        joints: (n,) of the pose [rad, m].
+
+    Raises:
+        UnusableResultError: naming the joint.
+    """
+    where = None if result.origin is None else result.origin.joints
+    if where is None:
+        return
+    low, high = where.T
+    margin = np.maximum(SPAN * (high - low), np.where(robot.slides, MARGIN[1], MARGIN[0]))
+    # A joint that turns is where it is, whole turns or not.
+    turns = np.where(robot.slides, 0.0, np.round((joints - 0.5 * (low + high)) / (2.0 * np.pi)))
+    at = joints - 2.0 * np.pi * turns
+    inside = (at >= low - margin) & (at <= high + margin)
+    if inside.all():
+        return
+    j = int(np.flatnonzero(~inside)[0])
+    unit = "m" if robot.slides[j] else "rad"
+    raise UnusableResultError(
+        f"joints: expected {robot.joint_names[j]} near the identified configurations, "
+        f"{low[j] - margin[j]:.3g} to {high[j] + margin[j]:.3g} {unit}, got {at[j]:.3g}; identify "
+        "there, too, or allow it (anywhere=True)"
+    )
 
 
 def _same(origin: Origin, robot: RobotModel) -> bool:

@@ -50,8 +50,6 @@ class CompensationNode(ControlNode):
             response.code, response.message = int(ResultCode.BAD_REQUEST), str(error)
             return response
         response.success, response.code = True, int(ResultCode.DONE)
-        if found.prediction.extrapolated:
-            response.message = "a joint deflects farther than it did in the campaign"
         response.deflection = found.prediction.deflection
         response.covariance = found.prediction.covariance.ravel()
         response.joints = found.joints

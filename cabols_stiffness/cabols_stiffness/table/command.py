@@ -28,6 +28,7 @@ from cabols_stiffness.model.result import CUBIC, LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.model.result_file import write_result
 from cabols_stiffness.model.robot import RobotModel, load_robot
 from cabols_stiffness.model.verdict import Grade
+from cabols_stiffness.model.verdict_text import verdict_lines
 from cabols_stiffness.table.laboratory import Stated, to_samples
 from cabols_stiffness.table.reading import Table, read_table
 
@@ -99,14 +100,7 @@ def summary(result: StiffnessResult, robot: RobotModel, table: Table) -> str:
     """
     verdict = result.verdict
     assert verdict is not None
-    lines = [f"verdict: {verdict.grade.value}: {verdict.reason}"]
-    first = next((one for one in verdict.findings if one.grave), None)
-    lines += [f"  {one.text}" for one in verdict.findings if one is not first]
-    lines.append(
-        f"  {100.0 * verdict.explained:.1f} % explained; chi-square {verdict.chi_square:.0f} for "
-        f"{verdict.degrees_of_freedom} degrees of freedom (p = {verdict.probability:.2g}); "
-        f"between configurations Q {verdict.cochran_q:.0f} for {verdict.cochran_freedom}"
-    )
+    lines = verdict_lines(verdict)
     left = len(table.skipped) + verdict.missing
     if left or verdict.repeated or result.outliers.size:
         lines.append(

@@ -13,6 +13,7 @@ from cabols_stiffness.identification.adequacy.normal import (
     CERTAIN,
     Blocks,
     RandomEffects,
+    are_different,
     blocks,
     heterogeneity,
     leave_one_out,
@@ -92,7 +93,7 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
     differ = heterogeneity(parts)
     freedom = max(found.freedom, 1)
     chance = float(chi2.sf(found.chi_square, freedom))
-    scattered = differ.probability < CERTAIN and len(parts.configuration) > 2
+    scattered = are_different(parts, differ)
     named = _named(rows.columns[use], residual, p, tried, parts, configuration, scattered, found)
     between = random_effects(parts, n) if scattered else None
     findings = [*named, *_magnitude(found), *_friction(found, travel)]

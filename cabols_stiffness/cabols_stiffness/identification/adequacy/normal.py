@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from cabols_control.checks import FloatArray, IntArray
@@ -29,6 +30,11 @@ START = 0.05
 """Scatter to begin with, relative."""
 
 LEAST = 1e-7
+LEAST_MEAN = 0.2
+"""Of a pooled compliance, relative to the fit's."""
+
+FAR = 2.0
+"""Ratio of a joint's own compliance to the fit's from which on the own one is the unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +76,10 @@ class RandomEffects:
     """Pooled parameters where each configuration has its own.
 
     Attributes:
-        change: (p,) of the pooled parameters, relative.
-        covariance: (p, p) of them, relative.
-        scatter: (n,) standard deviation between configurations, of the joints' compliance.
+        change: (p,) of the pooled parameters, relative to the fit's.
+        covariance: (p, p) of them, relative to the pooled ones.
+        scatter: (n,) standard deviation between configurations, of the joints' compliance,
+            likewise.
         freedom: (n,) degrees of freedom of each joint's interval.
     """
 
@@ -123,6 +130,24 @@ def heterogeneity(found: Blocks) -> Heterogeneity:
     return Heterogeneity(q, freedom, float(fisher.sf(ratio, freedom, found.within_freedom)))
 
 
+def are_different(found: Blocks, test: Heterogeneity) -> bool:
+    """Whether configurations differ beyond doubt.
+
+    Also where the residuals within them are few, so that they say little of the noise, but agree
+    with the stated one.
+
+    Args:
+        found: of all.
+        test: of them.
+    """
+    if len(found.configuration) < 3:
+        return False
+    if test.probability < CERTAIN:
+        return True
+    inside = float(chi2.sf(found.variance * found.within_freedom, max(found.within_freedom, 1)))
+    return inside > CERTAIN and float(chi2.sf(test.q, max(test.freedom, 1))) < CERTAIN
+
+
 def leave_one_out(found: Blocks, joints: int) -> FloatArray:
     """(c, n) relative change of each joint's stiffness without each configuration.
 
@@ -145,7 +170,9 @@ def random_effects(found: Blocks, joints: int) -> RandomEffects:
         found: two or more configurations.
         joints: number n; their compliances are the first parameters.
     """
-    precision, score = found.matrix / found.variance, found.target / found.variance
+    unit = _units(found, joints)
+    precision = found.matrix * np.outer(unit, unit) / found.variance
+    score = found.target * unit / found.variance
     c, tau = len(found.configuration), np.full(joints, START**2)
     beside, across = precision[:, :, :joints], precision[:, :joints, :]
     own = precision[:, :joints, :joints]
@@ -166,12 +193,46 @@ def random_effects(found: Blocks, joints: int) -> RandomEffects:
     total = np.diag(covariance)[:joints]
     share = np.clip(1.0 - fixed / np.maximum(total, 1e-300), 0.0, 1.0)
     freedom = 1.0 / (share**2 / (c - 1) + (1.0 - share) ** 2 / max(found.within_freedom, 1))
-    return RandomEffects(change, covariance, np.sqrt(tau), freedom)
+    change = change * unit
+    # Relative to the pooled value now, which the linear model allows at any distance.
+    mean = np.ones_like(unit)
+    mean[:joints] = np.maximum(1.0 + change[:joints], LEAST_MEAN)
+    to_mean = unit / mean
+    return RandomEffects(
+        change, covariance * np.outer(to_mean, to_mean), np.sqrt(tau) * to_mean[:joints], freedom
+    )
+
+
+def _units(found: Blocks, joints: int) -> FloatArray:
+    """(p,) of the parameters: 1, or a joint's typical own compliance where the fit is far off it.
+
+    A pooled fit of configurations that differ may end far from what each of them says, even at a
+    compliance of nearly zero; relative to that nothing would have a usual size.
+    """
+    unit = np.ones(found.matrix.shape[1])
+    own = np.array(
+        [
+            np.linalg.pinv(matrix, rcond=NONE, hermitian=True) @ target
+            for matrix, target in zip(*_scaled(found), strict=True)
+        ]
+    )
+    size = np.sqrt(np.maximum(np.einsum("cii->ci", found.matrix), 1e-300))
+    middle = 1.0 + np.median(own / size, axis=0)[:joints]
+    far = (middle > FAR) | ((middle > 0.0) & (middle < 1.0 / FAR))
+    unit[:joints] = np.where(far, middle, 1.0)
+    return unit
+
+
+def _scaled(found: Blocks) -> tuple[FloatArray, FloatArray]:
+    """Matrices and targets for columns of unit length."""
+    size = np.sqrt(np.maximum(np.einsum("cii->ci", found.matrix), 1e-300))
+    return found.matrix / (size[:, :, None] * size[:, None, :]), found.target / size
 
 
 def _own(matrix: FloatArray, target: FloatArray) -> tuple[float, int]:
     """Sum of squares that a configuration's own parameters explain, and how many it determines."""
-    values, vectors = np.linalg.eigh(matrix)
+    size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     known = values > NONE * max(float(values[-1]), 1e-300)
-    along = vectors.T[known] @ target
+    along = vectors.T[known] @ (target / size)
     return float(np.sum(along**2 / values[known])), int(known.sum())
