@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from cabols_stiffness.identification.gauss_newton import IdentificationError
 from cabols_stiffness.identification.online import OnlineIdentifier
 from cabols_stiffness.identification.published import identify_as_source
 from cabols_stiffness.identification.validation import choose_model, validate
-from cabols_stiffness.measurements.poses import poses
+from cabols_stiffness.measurements.poses import PoseWarning, poses
 from cabols_stiffness.measurements.samples import concatenate, select
 from cabols_stiffness.model.balance import Law, balance
 from cabols_stiffness.model.result_file import read_result, write_result
@@ -244,7 +245,8 @@ def test_order_of_the_samples_does_not_matter(samples):
 
 
 def test_poses_from_three_passes(bench, samples):
-    joined = poses(samples, ROBOT)
+    with pytest.warns(PoseWarning, match="do not fit a rigid motion"):
+        joined = poses(samples, ROBOT)
     assert (
         len(joined)
         == np.unique(
@@ -253,10 +255,30 @@ def test_poses_from_three_passes(bench, samples):
     )
     result = identify(joined, ROBOT)
     np.testing.assert_allclose(result.stiffness, TRUTH, rtol=0.03)
-    # The passes' wrenches differ by more than the noise, until a result makes up for it.
-    assert result.residual_rms > 1.3
-    again = identify(poses(samples, ROBOT, result), ROBOT)
-    assert again.residual_rms == pytest.approx(1.0, abs=0.15)
+    # The passes' wrenches differ by more than the noise, until a result makes up for it; until
+    # then the poses' covariances are wider.
+    assert result.residual_rms == pytest.approx(1.0, abs=0.3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        better = poses(samples, ROBOT, result)
+    assert identify(better, ROBOT).residual_rms == pytest.approx(1.0, abs=0.15)
+    wider = np.trace(joined.deflection_covariance, axis1=1, axis2=2).mean()
+    assert wider > 1.3**2 * np.trace(better.deflection_covariance, axis1=1, axis2=2).mean()
+
+
+def test_bumped_reflector_widens_the_poses_that_it_spoils(samples):
+    result = identify(samples, ROBOT)
+    bumped = (samples.reflector == 1) & (samples.load == 2) & (samples.branch != 0)
+    assert bumped.any()
+    moved = samples.position + np.where(bumped[:, None], [0.0, 0.0, 5e-4], 0.0)
+    with pytest.warns(PoseWarning) as told:
+        spoilt = poses(replace(samples, position=moved), ROBOT, result)
+    right = poses(samples, ROBOT, result)
+    ratio = spoilt.deflection_covariance[:, 0, 0] / right.deflection_covariance[:, 0, 0]
+    hit = np.isin(right.load, 2)
+    assert (ratio[hit] > 10.0).all()
+    np.testing.assert_allclose(ratio[~hit], 1.0, rtol=1e-6)
+    assert f"{hit.sum()} do not fit" in str(told[0].message)
 
 
 def test_model_is_chosen_on_held_out_loads(samples, harder):

@@ -5,11 +5,13 @@ For tables, figures and comparison with the source; `identify` is more accurate 
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.errors import CabolsError
-from cabols_control.registration.reflectors import register_pose
+from cabols_control.registration.reflectors import LEAST_PROBABILITY, register_pose
 from cabols_control.registration.rigid_fit import RegistrationError
 from cabols_stiffness.measurements.samples import REFERENCE, PointSamples, Samples
 from cabols_stiffness.model.balance import balance
@@ -20,6 +22,10 @@ from cabols_stiffness.model.screws import logarithm, turn, turning
 
 LEAST = 3
 """Reflectors that determine a pose."""
+
+
+class PoseWarning(UserWarning):
+    """The points of some loads do not fit one rigid motion."""
 
 
 def poses(
@@ -39,7 +45,10 @@ def poses(
             which is more than the tracker's noise. None: they are joined as they are.
 
     Returns:
-        One sample for each load, in the order of configuration and of the first pass.
+        One sample for each load, in the order of configuration and of the first pass. The
+        covariance of one whose points do not fit a rigid motion within their noise (a reflector
+        was bumped, a pass had another load) is widened by its chi-square per degree of freedom,
+        and a PoseWarning counts them.
 
     Raises:
         CabolsError: if a pass has no reference, or no load was seen at three reflectors.
@@ -47,7 +56,7 @@ def poses(
     moved, noise, rest = _against_reference(points)
     posture = robot.posture(points.joints)
     loaded = points.branch != REFERENCE
-    rows, found = [], _loads(points, loaded)
+    rows, found, misfits = [], _loads(points, loaded), 0
     if result is not None:
         moved = moved + _to_common_wrench(points, robot, result, found)
     for members in found:
@@ -60,6 +69,11 @@ def poses(
             pose = register_pose(arms, arms + moved[members], noise[members])
         except RegistrationError:
             continue
+        if not pose.converged:
+            continue
+        fits = pose.probability >= LEAST_PROBABILITY
+        misfits += not fits
+        widening = 1.0 if fits else pose.chi_square / pose.degrees_of_freedom
         deflection = np.concatenate([pose.position, logarithm(pose.rotation)])
         to_base = pose.rotation @ unturned
         wrench = turn(to_base, points.wrench[members].mean(axis=0))
@@ -74,7 +88,7 @@ def poses(
                 wrench,
                 spread @ covariance @ spread.T,
                 deflection,
-                pose.covariance,
+                widening * pose.covariance,
                 turn(unturned, rest[members].mean(axis=0)),
             )
         )
@@ -82,6 +96,14 @@ def poses(
         raise CabolsError(
             f"points: expected loads seen at {LEAST} reflectors or more, got none; measure the "
             "same loads at the other reflectors, too"
+        )
+    if misfits:
+        warnings.warn(
+            f"points: of {len(rows)} loads {misfits} do not fit a rigid motion of the platform "
+            "within their noise: were reflectors moved, or loads not the same in all passes? "
+            "Their covariance is widened",
+            PoseWarning,
+            stacklevel=2,
         )
     return Samples(*(np.array(column) for column in zip(*rows, strict=True)))
 
