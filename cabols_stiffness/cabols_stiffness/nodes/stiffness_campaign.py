@@ -131,6 +131,8 @@ class StiffnessCampaignNode(ControlNode):
         elif self._intake.mode != OperatingMode.STOPPED:
             name = "unknown" if self._intake.mode is None else self._intake.mode.name
             refusal = f"the mode is {name}, expected STOPPED"
+        elif self._intake.now_ns < 0:
+            refusal = "no wrench has arrived yet: is the bridge running?"
         elif not 0.0 <= request.accuracy < 1.0:
             refusal = f"accuracy: expected 0 to 1, got {request.accuracy}"
         if refusal and refusal != self._refusal:
