@@ -338,9 +338,9 @@ class AbbTrackerBridge(ControlNode):
 
     def _measurement_message(self, request: Any, worker: Worker) -> ReflectorMeasurement:
         reading = worker.result
-        middle_ns = self._stream.now_ns() - round(0.5e9 * request.averaging_time)
-        if self._robot_clock and reading is not None and reading.time_ns:
-            middle_ns = int(reading.time_ns)
+        middle_ns = self._stream.now_ns()
+        if reading is not None and reading.success:
+            middle_ns = reading.time_ns if self._robot_clock else reading.middle_ns
         return measurement_message(request, reading, worker.failure, middle_ns, self._tracker_frame)
 
 

@@ -18,7 +18,7 @@ LARGEST_DRIFT_M = 1.0
 def measurement_message(
     request: Any, reading: TrackerReading | None, reason: object, stamp_ns: int, frame: str
 ) -> ReflectorMeasurement:
-    """Return a reading as a message.
+    """Return a reading as a message: what was done, not what was asked for.
 
     Args:
         request: goal of MeasureReflector.
@@ -27,9 +27,7 @@ def measurement_message(
         stamp_ns: middle of the averaging time, the rig's clock [ns].
         frame: of the measured position.
     """
-    message = ReflectorMeasurement(
-        reflector=request.reflector, averaging_time=request.averaging_time
-    )
+    message = ReflectorMeasurement(reflector=request.reflector)
     set_time(message.header.stamp, max(stamp_ns, 0))
     message.header.frame_id = frame
     good = reading is not None and bool(reading.success)
@@ -42,6 +40,7 @@ def measurement_message(
     if reading is not None:
         message.rms, message.temperature = float(reading.rms), float(reading.temperature)
         message.samples = int(reading.samples)
+        message.averaging_time = float(reading.averaging_s)
         reason = reading.reason
     message.reason = "" if good else str(reason)
     return message

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import grpc
@@ -163,6 +165,7 @@ class TrackerClient:
             pb.MeasureRequest(averaging_time_s=seconds, rate_hz=self.config.rate),
             self._wall(self.config.measure_timeout + seconds),
         )
+        answered_ns = time.time_ns()
         if not reply.success:
             return failed(_why(reply))
         covariance = _matrix(reply.covariance_m2) if reply.HasField("covariance_m2") else None
@@ -170,14 +173,19 @@ class TrackerClient:
         fault = fault or self._not_now(reply, seconds)
         if fault:
             return failed(f"implausible: {fault}")
-        return self._reading(
+        reading = self._reading(
             _vector(reply.position_m),
             covariance,
             point,
             int(reply.samples),
-            float(reply.averaging_time_s),
+            # A server that does not say it has averaged for as long as it was asked to.
+            float(reply.averaging_time_s) or (seconds if reply.samples > 1 else 0.0),
             reply,
         )
+        if not reading.success:
+            return reading
+        averaged_s = reading.averaging_s * max(1.0, self.config.time_stretch)
+        return replace(reading, middle_ns=answered_ns - round(0.5e9 * averaged_s))
 
     def _not_now(self, reply: Any, seconds: float) -> str:
         """Why a measurement is none of now, with a beam; the tracker's state tells, if it can."""

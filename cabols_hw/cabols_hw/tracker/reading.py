@@ -23,6 +23,8 @@ class TrackerReading:
         success: whether the reflector was measured.
         reason: why not, and what to do; empty with success.
         time_ns: middle of the averaging time, the tracker's clock [ns]; 0 without success.
+        middle_ns: the same on this computer's clock [ns]: half the averaging time before the
+            answer came; 0 without success.
     """
 
     position: FloatArray
@@ -34,6 +36,7 @@ class TrackerReading:
     success: bool
     reason: str
     time_ns: int = 0
+    middle_ns: int = 0
 
 
 def failed(reason: str) -> TrackerReading:
