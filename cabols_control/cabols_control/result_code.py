@@ -25,5 +25,7 @@ class ResultCode(IntEnum):
     FAILED = 14
 
 
+REFUSALS = frozenset(range(ResultCode.BAD_REQUEST, ResultCode.INFEASIBLE + 1))
+"""Codes of requests of which nothing has begun."""
 NOT_YET = frozenset({ResultCode.NOT_READY, ResultCode.NOT_ZEROED, ResultCode.PLATFORM_MOVES})
 """Refusals that the rig lifts by itself, so that asking again makes sense."""

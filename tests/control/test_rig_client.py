@@ -52,6 +52,7 @@ class FakeRig:
         self.asked = []
         self.silent = 0
         """So many requests of a mode get no answer in time."""
+        self.refusals = []
         self.accept = True
         self.result = RunProgram.Result(success=True)
         self.end = threading.Event()
@@ -110,6 +111,10 @@ class FakeRig:
         return CancelResponse.ACCEPT
 
     def _run(self, handle):
+        if self.refusals:
+            handle.abort()
+            code = self.refusals.pop(0)
+            return RunProgram.Result(message="refused: as told", code=int(code))
         handle.publish_feedback(RunProgram.Feedback(elapsed=1.0, duration=2.0))
         while not self.end.wait(0.01) and not handle.is_cancel_requested:
             pass
@@ -292,6 +297,24 @@ def test_a_goal_that_is_refused_is_sent_again(fake, client):
     fake.accept = False
     with pytest.raises(RefusedError, match="run_program was refused"):
         client.start("run_program", accept_s=0.3, program="ramps")
+
+
+def test_a_goal_that_is_refused_with_a_reason_says_it(fake, client):
+    """Servers accept such a goal and end it at once: a rejected one has no room for a reason."""
+    fake.serve()
+    fake.end.set()
+    fake.refusals = [ResultCode.WRONG_MODE, ResultCode.WRONG_MODE]
+    assert client.run_program("ramps").success, "the mode may come late: it is sent again"
+    assert not fake.refusals
+    fake.refusals = [ResultCode.WRONG_MODE] * 100
+    with pytest.raises(RefusedError, match="run_program was refused: refused: as told") as caught:
+        client.start("run_program", accept_s=0.3, program="ramps")
+    assert caught.value.code == ResultCode.WRONG_MODE
+    fake.refusals = [ResultCode.BAD_REQUEST] * 100
+    with pytest.raises(RefusedError) as caught:
+        client.start("run_program", accept_s=100.0, program="nothing")
+    assert caught.value.code == ResultCode.BAD_REQUEST
+    assert len(fake.refusals) == 99, "what can never be accepted is not sent again"
 
 
 def test_a_running_action_can_be_cancelled(fake, client):

@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
 from abb_harness import PATIENCE_S, quiet_port, running_controller, wait_until
+from cabols_control.result_code import ResultCode
 from cabols_control.ros.qos import control_qos, latched_qos
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.ros.robot_stream import JointStateBytes
@@ -64,6 +65,14 @@ def result_of(watcher: Watcher, handle):
     return future.result().result
 
 
+def refusal(watcher: Watcher, client: ActionClient, index: int) -> int:
+    """Code of a goal that is refused: it is accepted, and ended before anything moves."""
+    result = result_of(watcher, send_goal(watcher, client, index))
+    assert not result.success
+    assert result.message.startswith("refused: ")
+    return result.code
+
+
 def test_bridge_publishes_moves_refuses_and_reports_silence():
     environment = next_environment()
     watcher = Watcher(int(environment["ROS_DOMAIN_ID"]), ("platform_pose", "loop_status"))
@@ -91,16 +100,18 @@ def test_bridge_publishes_moves_refuses_and_reports_silence():
             np.testing.assert_allclose(joints[-1].position, clock.robot.encoders, atol=1e-12)
             assert list(joints[-1].name) == [f"joint_{i}" for i in range(1, 7)]
             assert client.wait_for_server(timeout_sec=PATIENCE_S)
-            assert not send_goal(watcher, client, 1).accepted, "no mode heard yet"
+            refused = result_of(watcher, send_goal(watcher, client, 1))
+            assert (refused.success, refused.code) == (False, ResultCode.NOT_READY)
+            assert "no mode received" in refused.message
             modes.publish(Mode(mode=Mode.LOADING))
             wait_until(lambda: modes.get_subscription_count() > 0, "reader of mode")
-            assert not send_goal(watcher, client, 1).accepted, "loading"
+            watcher.wait(lambda: refusal(watcher, client, 1) == ResultCode.WRONG_MODE, "LOADING")
             modes.publish(Mode(mode=Mode.STOPPED))
             assert accepted_at_last(watcher, client, 1, clock)
             result = watcher.result
             assert result.success, result.message
             np.testing.assert_allclose(result.joints, load_configurations().joints(1), atol=1e-9)
-            assert not send_goal(watcher, client, 99).accepted, "no such configuration"
+            assert refusal(watcher, client, 99) == ResultCode.BAD_REQUEST, "no such configuration"
             handle = send_goal(watcher, client, 5)
             wait_until(lambda: clock.robot.moving, "moving")
             modes.publish(Mode(mode=Mode.FAULT))
@@ -126,9 +137,8 @@ def test_bridge_publishes_moves_refuses_and_reports_silence():
 def accepted_at_last(watcher: Watcher, client: ActionClient, index: int, clock) -> bool:
     """Ask until the node has heard the new mode; leave the result in the watcher."""
     for _ in range(100):
-        handle = send_goal(watcher, client, index)
-        if handle.accepted:
-            watcher.result = result_of(watcher, handle)
+        watcher.result = result_of(watcher, send_goal(watcher, client, index))
+        if watcher.result.code != ResultCode.WRONG_MODE:
             return clock.robot.target_index == index
     return False
 

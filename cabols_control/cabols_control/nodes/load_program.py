@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from cabols_msgs.action import RunProgram
 from cabols_msgs.srv import CheckProgram, SetMode
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.callback_groups import ReentrantCallbackGroup
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.checks import FloatArray
@@ -28,6 +26,7 @@ from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import ControlLoop, Input
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
+from cabols_control.ros.refusal import Refusal, serve
 from cabols_control.ros.sessions import ModeInput
 from cabols_control.ros.threads.pause import pause
 from cabols_control.ros.threads.ticker import Ticker
@@ -99,15 +98,7 @@ class LoadProgramNode(ControlNode):
         else:
             self._loop = Ticker(self.context, 1.0 / rate, self._tick)
         self.create_service(CheckProgram, "check_program", self._check)
-        self._server = ActionServer(
-            self,
-            RunProgram,
-            "run_program",
-            self._execute,
-            goal_callback=self._judge,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
-        )
+        self._server = serve(self, RunProgram, "run_program", self._judge, self._execute)
 
     def _shape(self, name: str, scale: float, place: Place, frame: str = "") -> ShapedProgram:
         """Load a programme as it is followed at a pose, about the platform's origin, base axes.
@@ -289,7 +280,7 @@ class LoadProgramNode(ControlNode):
         response.tension = found.tension[rows].ravel().tolist()
         return response
 
-    def _judge(self, request: Any) -> GoalResponse:
+    def _judge(self, request: Any) -> Refusal | None:
         try:
             load_program(request.program)
             self._frames.record(request.frame)
@@ -298,20 +289,20 @@ class LoadProgramNode(ControlNode):
                 if request.checked
                 else None
             )
+        except NoPoseError as error:
+            return Refusal(ResultCode.NOT_READY, str(error))
         except CabolsError as error:
-            self.get_logger().error(str(error))
-            return GoalResponse.REJECT
+            return Refusal(ResultCode.BAD_REQUEST, str(error))
         if found is not None and not found.feasible:
-            self.get_logger().error(f"run_program refused: {found.sentence()}")
-            return GoalResponse.REJECT
-        busy = self._running is not None
-        if busy or not self._loading():
-            self.get_logger().error(
-                "run_program refused: "
-                + ("a programme is running" if busy else "the mode is not LOADING")
-            )
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
+            return Refusal(ResultCode.INFEASIBLE, found.sentence())
+        if self._running is not None:
+            return Refusal(ResultCode.BUSY, "a programme is running")
+        if self._loading():
+            return None
+        record = self._mode.record
+        latched = record is not None and int(record["mode"]) == OperatingMode.FAULT
+        code = ResultCode.FAULT_LATCHED if latched else ResultCode.WRONG_MODE
+        return Refusal(code, "the mode is not LOADING")
 
     async def _execute(self, handle: Any) -> Any:
         request = handle.request

@@ -139,7 +139,11 @@ class Status:
 
 
 class ControlNode(Node):
-    """A node of the control graph with the rig's configuration and a status."""
+    """A node of the control graph with the rig's configuration and a status.
+
+    Attributes:
+        hardware: what it stands for on /diagnostics: its device, or the rig.
+    """
 
     role_topic = ""
     """Topic by which another node in the same role is heard; empty: there may be several."""
@@ -178,7 +182,8 @@ class ControlNode(Node):
         self.status = Status(self, self.lockstep)
         self.outputs["loop_status"] = self.status.output()
         self._compiled: dict[str, int] | None = None
-        diagnostics = Diagnostics(self, self.status.snapshot, "cabols rig")
+        self.hardware = f"rig {self.rig_folder.name}"
+        diagnostics = Diagnostics(self, self.status.snapshot, lambda: self.hardware)
         self.status.on_change = lambda: hand_over(self, diagnostics.tell)
         go_on()
 

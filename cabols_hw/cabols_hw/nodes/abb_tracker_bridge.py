@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from cabols_msgs.action import FollowPath, MeasureReflector, MoveToConfiguration
 from cabols_msgs.msg import ReflectorMeasurement
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.serialization import serialize_message
 
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
+from cabols_control.ros.refusal import Refusal, serve
 from cabols_control.ros.stops import StopLatch
 from cabols_control.ros.threads.pause import pause
 from cabols_control.supervision.modes import MOVING, OperatingMode
@@ -37,6 +36,7 @@ from cabols_hw.tracker.config import load_tracker_config
 MAY_MOVE = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
 FEEDBACK_S = 0.05
 END_S = 0.8
+MOVES = Refusal(ResultCode.BUSY, "a motion is under way")
 AIM_SHARE = 0.1
 """Share of a measured offset of the tracker that the next aim takes over."""
 
@@ -59,6 +59,8 @@ class AbbTrackerBridge(ControlNode):
         super().__init__("abb_tracker_bridge")
         speed = self._declare_robot()
         self._tracker_address = declare_row(self, HW_NODES.argument("tracker_address"))
+        if self._tracker_address:
+            self.hardware += f", laser tracker at {self._tracker_address}"
         tracker = load_tracker_config(
             self.rig_folder,
             declare_row(self, HW_NODES.argument("tracker_file")),
@@ -72,9 +74,9 @@ class AbbTrackerBridge(ControlNode):
         self._motion: Worker | PathFollower | None = None
         self._measurement: Worker | None = None
         self._servers = [
-            self._serve(MoveToConfiguration, "move_to_configuration", self._judge_move, self._move),
-            self._serve(FollowPath, "follow_path", self._judge_path, self._follow_path),
-            self._serve(MeasureReflector, "measure_reflector", self._judge_measure, self._measure),
+            serve(self, MoveToConfiguration, "move_to_configuration", self._judge_move, self._move),
+            serve(self, FollowPath, "follow_path", self._judge_path, self._follow_path),
+            serve(self, MeasureReflector, "measure_reflector", self._judge_measure, self._measure),
         ]
 
     def _declare_robot(self) -> float:
@@ -88,6 +90,8 @@ class AbbTrackerBridge(ControlNode):
         speed = declare_row(self, HW_NODES.argument("speed"))
         stale = declare_row(self, HW_NODES.argument("stale_after"))
         self._robot, source = open_robot(self, address, speed, stale)
+        maker = self.get_parameter("robot_maker").value
+        self.hardware = f"{maker} robot at {address}"
         base = BaseFrame(
             declare_row(self, HW_NODES.argument("robot_position")),
             declare_row(self, HW_NODES.argument("robot_rotation_xyz_deg")),
@@ -106,23 +110,6 @@ class AbbTrackerBridge(ControlNode):
         self._watch = RobotWatch(self, address, speed, self._configurations, watched)
         self._stream.on_mode = self._watch.hear_mode
         return speed
-
-    def _serve(self, kind: Any, name: str, judge: Callable[..., str], execute: Any) -> ActionServer:
-        def answer(request: Any) -> GoalResponse:
-            refusal = judge(request)
-            if refusal:
-                self.get_logger().error(f"{name} refused: {refusal}")
-            return GoalResponse.REJECT if refusal else GoalResponse.ACCEPT
-
-        return ActionServer(
-            self,
-            kind,
-            name,
-            execute,
-            goal_callback=answer,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
-        )
 
     def begin(self) -> None:
         """Start publishing."""
@@ -183,14 +170,23 @@ class AbbTrackerBridge(ControlNode):
             return f"the mode is {present.name}, expected {allowed}"
         return ""
 
-    def _judge_move(self, request: Any) -> str:
+    def _judge_move(self, request: Any) -> Refusal | None:
         if self._motion is not None:
-            return "a motion is under way"
+            return MOVES
         if not request.index < len(self._configurations):
-            return (
-                f"expected an index from 0 to {len(self._configurations) - 1}, got {request.index}"
-            )
-        return self._watch.unwatched() or self._forbidden()
+            last = len(self._configurations) - 1
+            reason = f"expected an index from 0 to {last}, got {request.index}"
+            return Refusal(ResultCode.BAD_REQUEST, reason)
+        if unwatched := self._watch.unwatched():
+            return Refusal(ResultCode.NOT_READY, unwatched)
+        forbidden = self._forbidden()
+        return Refusal(self._code_of_mode(), forbidden) if forbidden else None
+
+    def _code_of_mode(self) -> ResultCode:
+        """Code of a refusal that the mode, or a stop, causes."""
+        if self._stops.fault is not None or self._stream.mode == OperatingMode.FAULT:
+            return ResultCode.FAULT_LATCHED
+        return ResultCode.NOT_READY if self._stream.mode is None else ResultCode.WRONG_MODE
 
     async def _move(self, handle: Any) -> Any:
         if self._motion is not None:
@@ -235,8 +231,10 @@ class AbbTrackerBridge(ControlNode):
             return f"{self._stops.fault.reason}: call reset"
         return self._watch.unwatched()
 
-    def _judge_path(self, request: Any) -> str:
-        return "a motion is under way" if self._motion is not None else self._path.judge(request)
+    def _judge_path(self, request: Any) -> Refusal | None:
+        if self._motion is not None:
+            return MOVES
+        return self._path.judge(request, self._code_of_mode())
 
     async def _follow_path(self, handle: Any) -> Any:
         if self._motion is not None:
@@ -265,16 +263,16 @@ class AbbTrackerBridge(ControlNode):
         else:
             handle.abort()
 
-    def _judge_measure(self, request: Any) -> str:
+    def _judge_measure(self, request: Any) -> Refusal | None:
         del request
         if self._measurement is not None:
-            return "a measurement is under way"
+            return Refusal(ResultCode.BUSY, "a measurement is under way")
         if not self._tracker_address:
-            return "no tracker: set tracker_address"
+            return Refusal(ResultCode.NOT_READY, "no tracker: set tracker_address")
         newest = self._stream.newest
         if newest is not None and not newest.motors_on:
-            return MOTORS_OFF.reason
-        return ""
+            return Refusal(ResultCode.FAULT_REPORTED, MOTORS_OFF.reason)
+        return None
 
     async def _measure(self, handle: Any) -> Any:
         if self._measurement is not None:

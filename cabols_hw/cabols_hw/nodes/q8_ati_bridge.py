@@ -22,6 +22,7 @@ from cabols_hw.ros.bridge_node import BridgeNode
 def open_card(node: BridgeNode, rig: Rig, card: CardConfig) -> Daq:
     """Open the card that the parameters name."""
     board = declare_row(node, HW_NODES.argument("board"))
+    node.hardware = f"Q8 card {board} with force/torque sensor"
     warm_up(rig, card)
     return open_q8(board, card)
 

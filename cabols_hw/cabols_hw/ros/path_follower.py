@@ -16,6 +16,7 @@ from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import ControlNode
+from cabols_control.ros.refusal import Refusal
 from cabols_control.ros.threads.pause import pause
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import RobotConfigurations
@@ -70,23 +71,31 @@ class PathFollower:
         self.worker: Worker | None = None
         self.point = 0
 
-    def judge(self, request: Any) -> str:
-        """Why a path is refused; empty if it is not.
+    def judge(self, request: Any, code: ResultCode) -> Refusal | None:
+        """Why a path is refused; None if it is not.
 
         Args:
             request: goal of FollowPath.
+            code: of a refusal that the mode causes.
         """
         if self.worker is not None:
-            return "a path is being followed"
+            return Refusal(ResultCode.BUSY, "a path is being followed")
         try:
             self._points(request)
         except CabolsError as error:
-            return str(error)
+            return Refusal(ResultCode.BAD_REQUEST, str(error))
+        wrong = ""
         if not SLOWEST <= request.speed < np.inf:
-            return f"expected a speed of at least {SLOWEST:g} m/s, got {request.speed:g} m/s"
+            wrong = f"expected a speed of at least {SLOWEST:g} m/s, got {request.speed:g} m/s"
         if not 0.0 <= request.rotation_speed < np.inf:
-            return f"expected no negative rotation_speed, got {request.rotation_speed:g} rad/s"
-        return self._forbidden(request.speed, self._turning(request))
+            wrong = f"expected no negative rotation_speed, got {request.rotation_speed:g} rad/s"
+        if wrong:
+            return Refusal(ResultCode.BAD_REQUEST, wrong)
+        forbidden = self._forbidden(request.speed, self._turning(request))
+        if not forbidden:
+            return None
+        by_mode = self.mode() not in MAY_FOLLOW
+        return Refusal(code if by_mode else ResultCode.INFEASIBLE, forbidden)
 
     def _points(self, request: Any) -> FloatArray:
         folder = self._node.rig_folder.path

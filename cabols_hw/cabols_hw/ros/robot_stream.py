@@ -14,12 +14,14 @@ from sensor_msgs.msg import JointState
 
 from cabols_control.checks import finite_array
 from cabols_control.naming import number
+from cabols_control.rig_folder import RigFolder
 from cabols_control.ros import topics
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.sessions import ModeInput
 from cabols_control.ros.stops import StopLatch
 from cabols_control.ros.threads.guarded_thread import GuardedThread
 from cabols_control.rotations import pose_matrix
+from cabols_control.serial_arm import read_serial_arm
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
@@ -36,6 +38,18 @@ PROGRAM_STOPPED = Fault(
     FaultName.ROBOT_PROGRAM, "robot: RAPID is stopped; it stands, and a motion starts RAPID anew"
 )
 JOINT_NAMES = tuple(f"joint_{number(i)}" for i in range(6))
+
+
+def joint_names(folder: RigFolder) -> tuple[str, ...]:
+    """Names of the robot's joints, as in its URDF: robot_state_publisher looks them up there.
+
+    Args:
+        folder: of the rig; without a URDF they are numbered.
+    """
+    if not folder.has("robot.urdf"):
+        return JOINT_NAMES
+    names = read_serial_arm(folder.file("robot.urdf")).joints
+    return names if len(names) == len(JOINT_NAMES) else JOINT_NAMES
 
 
 class PoseSource(Protocol):
@@ -132,7 +146,7 @@ class RobotStream(GuardedThread):
         self._stale_after_s = stale_after_s
         self._robot_clock = robot_clock
         self._pose = topics.pose_layout(node.rig.geometry).record()
-        self._joints = JointStateBytes(JOINT_NAMES)
+        self._joints = JointStateBytes(joint_names(node.rig_folder))
         self._pose_output = node.advertise_live("platform_pose")
         self._joint_output = node.advertise_live("joint_states")
         self._mode_input = ModeInput(node, node.status.sessions, node.lockstep)

@@ -61,6 +61,7 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     plant = Plant(rig, card, config, seed, robot)
     if node.coupling is not None:
         node.coupling.obey_faults(plant.faults)
+    node.hardware = "simulated Q8 card with force/torque sensor"
     return SimulatedQ8(plant, card, rig.geometry.cables, node.lockstep, speed)
 
 

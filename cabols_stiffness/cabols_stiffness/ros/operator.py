@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from cabols_control.result_code import REFUSALS
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.rig_client.calls import RigCalls
 from cabols_control.supervision.modes import OperatingMode
@@ -142,9 +143,21 @@ class Operator:
     ) -> tuple[Any, str]:
         if not self._found(action):
             return None, "its node does not run: no action server"
-        handle = self._accepted(action, goal)
-        if handle is None or not handle.accepted:
-            return None, "refused; the node's log says why" if handle else "no answer to the goal"
+        until_ns = self._intake.now_ns + round(1e9 * REFUSED_S)
+        while True:
+            handle = self._accepted(action, goal)
+            if handle is None or not handle.accepted:
+                refused = "refused; the node's log says why"
+                return None, refused if handle else "no answer to the goal"
+            result, reason = self._carried_out(handle, seconds, loading)
+            refused_yet = not reason and not result.success and result.code in REFUSALS
+            # The nodes receive a mode at different times.
+            if not refused_yet or self._intake.now_ns >= until_ns:
+                return result, reason
+            self.pause(RETRY_S)
+
+    def _carried_out(self, handle: Any, seconds: float, loading: bool) -> tuple[Any, str]:
+        """Wait for an accepted goal's result; return it, or why there is none."""
         future = self._calls.result(handle)
         done = threading.Event()
         future.add_done_callback(lambda _: done.set())

@@ -13,7 +13,9 @@ from rclpy.task import Future
 
 from cabols_control.console.dispatcher import Answer
 from cabols_control.console.latest import NOTICE, WARNING, LatestValues
+from cabols_control.result_code import REFUSALS
 from cabols_control.ros.rig_client.calls import ACTIONS, ONCE, SERVICES, RigCalls
+from cabols_control.ros.rig_client.running_action import JUDGED
 from cabols_control.ros.stops import StopSender
 from cabols_control.supervision.supervisor import SupervisionConfig
 
@@ -24,6 +26,8 @@ MATCH_S = 3.0
 """Longest wait for a server that is not matched: its node, or this one, may just have started."""
 LOOK_AGAIN_S = 0.02
 """Between looks whether a server is matched [s]."""
+REFUSED_S = 0.3
+"""Time in which a goal that is accepted may still be refused [s]; see ros/refusal.py."""
 REPEAT_S = 0.5
 """A request is sent again when there was no answer for this long [s]; some never are: ONCE."""
 STOP = "emergency_stop"
@@ -133,7 +137,12 @@ class Calls:
             text = "refused: the log says why"
             self._set(action, busy=False, progress=0.0, text=text)
             return Answer(False, text)
-        self._follow(action, handle)
+        result = self._follow(action, handle)
+        if action in JUDGED:
+            with suppress(asyncio.TimeoutError):
+                found = (await _first([result], REFUSED_S)).result
+                if not found.success and found.code in REFUSALS:
+                    return Answer(False, str(found.message), found)
         return Answer(True, "accepted")
 
     async def cancel(self, action: str) -> Answer:
@@ -164,9 +173,11 @@ class Calls:
             self._set(action, busy=True, text="accepted late")
             self._follow(action, handle)
 
-    def _follow(self, action: str, handle: Any) -> None:
+    def _follow(self, action: str, handle: Any) -> Future:
         self._handles[action] = handle
-        self._calls.result(handle).add_done_callback(lambda done: self._end(action, done))
+        result: Future = self._calls.result(handle)
+        result.add_done_callback(lambda done: self._end(action, done))
+        return result
 
     def _end(self, action: str, done: Future) -> None:
         self._handles.pop(action, None)

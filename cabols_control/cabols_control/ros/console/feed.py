@@ -53,6 +53,8 @@ class Feed:
         """Subscribe; only one thread may call `look`."""
         self._latest = latest
         self._own = node.get_name()
+        self._namespace = node.get_namespace()
+        self._loggers = self._namespace.strip("/").replace("/", ".") + "."
         geometry = rig.geometry
 
         def live(topic: str, layout: Any) -> Input:
@@ -194,9 +196,10 @@ class Feed:
         """Every node's sign of life; loop_status has the numbers."""
         now_s = time.monotonic()
         for status in message.status:
-            owner, _, node = status.name.partition(": ")
-            if owner != "cabols" or not node:
-                continue
+            owner, _, task = status.name.partition(": ")
+            space, _, node = owner.rpartition("/")
+            if space != self._namespace or not (node and task):
+                continue  # of another rig, or of no rig
             known = self._reports.get(node)
             self._reports[node] = (
                 known.heard(now_s)
@@ -231,7 +234,8 @@ class Feed:
         for message in self._recordings.take():
             self._latest.put_state(recording=message.data)
         for message in self._spoken.take():
-            if message.level >= LOUD and not message.name.endswith(self._own):
+            loud = message.level >= LOUD and message.name.startswith(self._loggers)
+            if loud and not message.name.endswith(self._own):
                 level = FAULT if message.level > LOUD else WARNING
                 self._latest.tell(level, message.name.rpartition(".")[2], message.msg)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,7 +20,7 @@ from cabols_control.ros.rig_client.errors import (
     RigError,
     RigTimeoutError,
 )
-from cabols_control.ros.rig_client.running_action import RunningAction
+from cabols_control.ros.rig_client.running_action import JUDGED, RunningAction, refusal
 from cabols_control.supervision.modes import MOVING, OperatingMode
 
 NODES = ("supervisor", "limb_controller", "wrench_controller")
@@ -250,7 +251,7 @@ class RigClient(RigConnection):
             The accepted goal.
 
         Raises:
-            RefusedError: if it was refused until the end.
+            RefusedError: if it was refused until the end, or is no goal that could be accepted.
             RigTimeoutError: if there is no server, or no answer.
         """
         give_up = time.monotonic() + accept_s
@@ -258,17 +259,29 @@ class RigClient(RigConnection):
             left = max(give_up - time.monotonic(), RETRY_S)
             absent = f"the action {action}: its node is not running"
             self.wait(lambda: self.calls.ready(action), absent, left)
-            sent = self.watched(self.calls.send_goal(action, on_feedback, **fields))
+            began = threading.Event()
+
+            def hear(feedback: Any, began: threading.Event = began) -> None:
+                began.set()
+                if on_feedback is not None:
+                    on_feedback(feedback)
+
+            sent = self.watched(self.calls.send_goal(action, hear, **fields))
             try:
                 self.wait(sent.done, f"an answer of {action}", left)
             except BaseException:
                 sent.add_done_callback(self._cancel_late)
                 raise
             handle = sent.result()
+            refused = RefusedError(action, "its node's log says why")
             if handle.accepted:
-                return RunningAction(self, action, handle)
-            if time.monotonic() >= give_up:
-                raise RefusedError(action, "its node's log says why")
+                running = RunningAction(self, action, handle)
+                found = refusal(running, began) if action in JUDGED else None
+                if found is None:
+                    return running
+                refused = RefusedError(action, str(found.message), found.code)
+            if refused.code == ResultCode.BAD_REQUEST or time.monotonic() >= give_up:
+                raise refused
             self.pause(RETRY_S * self._speed)
 
     def _cancel_late(self, sent: Any) -> None:

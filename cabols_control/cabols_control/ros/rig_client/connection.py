@@ -45,6 +45,7 @@ class RigConnection:
         *,
         name: str = "rig_client",
         domain: int | None = None,
+        namespace: str = NAMESPACE,
         speed: float = 1.0,
         poll_s: float = 0.02,
     ) -> None:
@@ -55,6 +56,7 @@ class RigConnection:
                 thread; None: a node, an executor and a context of its own.
             name: of the client's own node.
             domain: DDS domain of the client's own context; None: ROS_DOMAIN_ID.
+            namespace: of the rig, for the client's own node.
             speed: of the rig's time, below 1 in simulated slow motion: waits for the rig stretch.
             poll_s: period of checks of what no callback reports [s].
         """
@@ -67,7 +69,7 @@ class RigConnection:
         self._readers: dict[str, tuple[Reader, Any, int]] = {}
         self._reports: dict[str, LoopStatus] = {}
         self._owned = node is None
-        self._node = self._own_node(name, domain) if node is None else node
+        self._node = self._own_node(name, domain, namespace) if node is None else node
         self.calls = RigCalls(self._node)
         self.stops = StopSender(self._node)
         # Reports come often and are polled; a mode wakes waiting threads.
@@ -77,10 +79,10 @@ class RigConnection:
         if self._owned:
             self._thread.start()
 
-    def _own_node(self, name: str, domain: int | None) -> Node:
+    def _own_node(self, name: str, domain: int | None, namespace: str) -> Node:
         self._context = rclpy.Context()
         transport.init(context=self._context, domain_id=domain)
-        node = rclpy.create_node(name, namespace=NAMESPACE, context=self._context)
+        node = rclpy.create_node(name, namespace=namespace, context=self._context)
         self._executor = NodeExecutor(context=self._context)
         self._executor.add_node(node)
         self._thread = threading.Thread(target=self._spin, name=name, daemon=True)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from contextlib import suppress
 from typing import Any
 
+from cabols_control.result_code import REFUSALS
 from cabols_control.ros.rig_client.connection import RigConnection
 from cabols_control.ros.rig_client.errors import (
     AbandonedError,
@@ -12,6 +15,12 @@ from cabols_control.ros.rig_client.errors import (
     RigTimeoutError,
 )
 
+JUDGED = frozenset({"run_program", "move_to_configuration", "follow_path", "measure_reflector"})
+"""Actions whose servers accept a refused goal and end it at once, to say why."""
+JUDGED_S = 1.0
+"""Longest wait for a goal's first feedback, or for its refusal [s]."""
+TURN_S = 0.005
+"""Between two looks for either [s]."""
 CANCEL_S = 10.0
 """Longest wait for the end of a cancelled action [s]."""
 LEAVE_S = 3.0
@@ -36,6 +45,11 @@ class RunningAction:
     def done(self) -> bool:
         """Whether the result has come."""
         return bool(self._future.done())
+
+    @property
+    def newest_result(self) -> Any:
+        """The action's result; only when `done`."""
+        return self._future.result().result
 
     def result(self, timeout_s: float = 3600.0, even_in_fault: bool = False) -> Any:
         """Wait for the end.
@@ -80,3 +94,19 @@ class RunningAction:
             lambda: self.done, f"the end of {self.name}", timeout_s, even_in_fault=True
         )
         return self._future.result().result
+
+
+def refusal(running: RunningAction, began: threading.Event) -> Any:
+    """Return the result of a goal that was ended before anything began; None for another one.
+
+    Args:
+        running: the goal.
+        began: set by its first feedback.
+    """
+    give_up = time.monotonic() + JUDGED_S
+    while not (running.done or began.is_set()) and time.monotonic() < give_up:
+        time.sleep(TURN_S)
+    if not running.done:
+        return None
+    result = running.newest_result
+    return None if result.success or result.code not in REFUSALS else result

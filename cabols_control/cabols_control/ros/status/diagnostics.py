@@ -1,4 +1,4 @@
-"""Every node's report on /diagnostics, for the common tools of ROS."""
+"""Every node's report on /diagnostics, named as diagnostic_updater does: node, colon, task."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ PERIOD_S = 1.0
 LEVELS = {0: DiagnosticStatus.WARN, 1: DiagnosticStatus.OK, 2: DiagnosticStatus.ERROR}
 """By the state of LoopStatus: waiting, running, fault."""
 RUNNING = 1
+TASK = "loop"
+"""What a status is about, behind the node's name."""
 
 
 class Health(NamedTuple):
@@ -34,13 +36,13 @@ class Health(NamedTuple):
 class Diagnostics:
     """Publishes one DiagnosticStatus of a node at 1 Hz and on demand."""
 
-    def __init__(self, node: Node, read: Callable[[], Health], hardware: str) -> None:
+    def __init__(self, node: Node, read: Callable[[], Health], hardware: Callable[[], str]) -> None:
         """Advertise /diagnostics.
 
         Args:
             node: owner; its executor calls.
             read: returns the node's state.
-            hardware: what the node stands for.
+            hardware: returns what the node stands for: a device, or the rig.
         """
         self._node = node
         self._read = read
@@ -67,8 +69,9 @@ class Diagnostics:
         shown = {"fault": "" if fault is None else fault.name.value, **values}
         return DiagnosticStatus(
             level=level,
-            name=f"cabols: {self._node.get_name()}",
+            # As diagnostic_updater with use_fqn: rigs of several namespaces share the topic.
+            name=f"{self._node.get_fully_qualified_name()}: {TASK}",
             message=said,
-            hardware_id=self._hardware,
+            hardware_id=self._hardware(),
             values=[KeyValue(key=key, value=str(value)) for key, value in shown.items()],
         )
