@@ -19,12 +19,14 @@ from cabols_control.cable_kernels import (
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix, unit_rows
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, OutOfRangeError, ShapeError
+from cabols_control.motion import Motion, motion_of
 from cabols_control.naming import cable_name
 from cabols_control.placement import Frame
 from cabols_control.rig_checks import check_geometry
 from cabols_control.rig_folder import rig_file
 
 MIN_CABLES = 6
+"""Of a rig in space; a platform that moves less needs as many as it has freedoms."""
 PULLEY_MAX_M = 10.0
 MAX_CONDITION = 1e6
 """Above this condition number (lengths scaled by the platform's radius) a rig is degenerate."""
@@ -37,7 +39,7 @@ def _own(name: str, value: FloatArray, shape: tuple[int | None, ...]) -> FloatAr
 
 @dataclass(frozen=True, eq=False)
 class RigGeometry:
-    """Attachment points of n >= 6 cables and the pose that the rig is built around.
+    """Attachment points of n cables and the pose that the rig is built around.
 
     Attributes:
         base_points: (n, 3) A_i, in the base frame {0} [m].
@@ -52,6 +54,7 @@ class RigGeometry:
             base point is then where the cable, coming along the swivel's axis, meets the groove.
         pulley_axes: (n, 3) unit vectors along the swivels' axes, the way the cable comes, base
             frame. Made of None: along z, away from the platform at the reference pose.
+        motion: how the platform can move; n is at least its freedom, 6 in space.
     """
 
     base_points: FloatArray
@@ -64,6 +67,7 @@ class RigGeometry:
     cable_length_max: float = inf
     pulley_radius: FloatArray | float = 0.0
     pulley_axes: FloatArray | None = None
+    motion: Motion = Motion.SPATIAL
 
     @property
     def cables(self) -> int:
@@ -109,12 +113,17 @@ class RigGeometry:
             array.setflags(write=False)
 
     def __post_init__(self) -> None:
-        """Check shapes, finiteness and that the points can carry a 6-DOF wrench."""
+        """Check shapes, finiteness and that the points can carry every wrench that counts."""
         set_field = object.__setattr__
         set_field(self, "base_points", _own("base_points", self.base_points, (None, 3)))
         n = self.cables
-        if n < MIN_CABLES:
-            raise ShapeError(f"base_points: expected at least {MIN_CABLES} cables, got {n}")
+        set_field(self, "motion", Motion(self.motion))
+        if n < self.motion.freedom:
+            raise ShapeError(
+                f"base_points: expected at least {self.motion.freedom} cables, got {n}, for a "
+                f"platform with the motion {self.motion.value}; does it move less (motion: "
+                f"{', '.join(kind.value for kind in Motion)})?"
+            )
         set_field(self, "platform_points", _own("platform_points", self.platform_points, (n, 3)))
         position = _own("reference_position", self.reference_position, (3,))
         set_field(self, "reference_position", position)
@@ -147,10 +156,12 @@ class RigGeometry:
             )
         matrix = structure_matrix_unchecked(cables, *pose)
         matrix[3:] /= max(self.platform_radius, 1e-9)
+        matrix = matrix[self.motion.directions]
         singular = np.linalg.svd(matrix, compute_uv=False)
         if not singular[-1] * MAX_CONDITION >= singular[0]:
             raise DegenerateGeometryError(
-                "geometry: expected a structure matrix of rank 6 at the reference pose, got "
+                f"geometry: expected a structure matrix of rank {self.motion.freedom} at the "
+                "reference pose, got "
                 f"singular values {np.array2string(singular, precision=3)}; the cables leave one "
                 "direction of force or torque without support (do all swirl the same way?)"
             )
@@ -169,6 +180,7 @@ class GeometryFile:
     cable_length_max: float = inf
     pulley_radius: float | list[float] = 0.0
     pulley_axes: list[list[float]] | None = None
+    motion: Motion | None = None
 
 
 def load_geometry(path: str | Path | None = None) -> RigGeometry:
@@ -177,8 +189,9 @@ def load_geometry(path: str | Path | None = None) -> RigGeometry:
     Args:
         path: file with `reference_pose` (a Frame: position [m] and rotation), `base_points` and
             `platform_points` (a row [x, y, z] per cable [m]), of cables over pulleys also
-            `pulley_radius` (a number or one per cable [m]) and `pulley_axes` (a row per cable);
-            None for the reference bench (chosen by this project: the source publishes none).
+            `pulley_radius` (a number or one per cable [m]) and `pulley_axes` (a row per cable),
+            and `motion` (of Motion; where it is not given, see motion_of); None for the reference
+            bench (chosen by this project: the source publishes none).
 
     Returns:
         The geometry, checked; what is odd about it is a RigWarning.
@@ -204,9 +217,11 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
     if axes is not None and not np.any(content.pulley_radius):
         raise ConfigError(f"{source}: pulley_axes: expected pulley_radius beside it, got none")
     try:
+        base = _rows("base_points", content.base_points)
+        platform = _rows("platform_points", content.platform_points)
         geometry = RigGeometry(
-            base_points=_rows("base_points", content.base_points),
-            platform_points=_rows("platform_points", content.platform_points),
+            base_points=base,
+            platform_points=platform,
             reference_position=np.array(content.reference_pose.position),
             reference_rotation=content.reference_pose.rotation,
             base_frame=content.base_frame,
@@ -215,6 +230,7 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
             cable_length_max=content.cable_length_max,
             pulley_radius=np.array(content.pulley_radius),
             pulley_axes=None if axes is None else _rows("pulley_axes", axes),
+            motion=_motion(content, base, platform),
         )
     except DegenerateGeometryError as error:
         raise DegenerateGeometryError(f"{source}: {error}") from error
@@ -223,6 +239,14 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
     pose = (geometry.reference_position, geometry.reference_rotation)
     check_geometry(geometry.records(), *pose).settle(source)
     return geometry
+
+
+def _motion(content: GeometryFile, base: FloatArray, platform: FloatArray) -> Motion:
+    """Motion that a file gives, or that its points leave."""
+    if content.motion is not None:
+        return content.motion
+    pose = content.reference_pose
+    return motion_of(base, platform, np.array(pose.position), pose.rotation)
 
 
 def _rows(name: str, rows: list[list[float]]) -> FloatArray:

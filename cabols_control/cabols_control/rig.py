@@ -16,6 +16,7 @@ from cabols_control.gains import WrenchGains, wrench_gains
 from cabols_control.geometry import MIN_CABLES, RigGeometry, load_geometry
 from cabols_control.kinematics import cable_lengths
 from cabols_control.limb import LimbModel
+from cabols_control.motion import Motion
 from cabols_control.naming import limb_name
 from cabols_control.rig_checks import check_limbs
 from cabols_control.rig_folder import RigFolder, find_rig, rig_file
@@ -219,13 +220,20 @@ def load_rig(
         ConfigError: naming the file, the key, what was expected and what came.
     """
     folder = find_rig(rig)
+    shape = load_geometry(rig_file("geometry.yaml", geometry, folder))
+    if shape.motion is not Motion.SPATIAL:
+        raise ConfigError(
+            f"{rig_file('geometry.yaml', geometry, folder)}: expected a platform that moves in "
+            f"space, which alone can be controlled, got the motion {shape.motion.value}; "
+            "`workspace map --geometry FILE` analyses it"
+        )
     found = Rig(
-        load_geometry(rig_file("geometry.yaml", geometry, folder)),
+        shape,
         load_config(LimbsConfig, rig_file("limbs.yaml", limbs, folder)),
         load_config(ControlConfig, rig_file("control.yaml", control, folder)),
         _envelope(folder),
     )
-    shape, control_design = found.geometry, found.control
+    control_design = found.control
     check_limbs(
         found.limbs.stiffness,
         found.limbs.gain,

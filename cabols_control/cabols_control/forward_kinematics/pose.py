@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
-from cabols_control.errors import OutOfRangeError, ShapeError
+from cabols_control.errors import OutOfRangeError
 from cabols_control.geometry import RigGeometry
-from cabols_control.motion import Motion
 
 from . import search
 from .task import PoseTask, pose_work
@@ -100,30 +99,24 @@ class PoseFinder:
         geometry: RigGeometry,
         length_std: ArrayLike,
         region: PoseRegion,
-        motion: Motion = Motion.SPATIAL,
     ) -> None:
         """Prepare a robot.
 
         Args:
-            geometry: attachment points of n cables; at least as many as the platform has freedoms.
+            geometry: attachment points of n cables.
             length_std: standard deviation of the lengths' errors, one or (n,) [m].
             region: where the platform may be.
-            motion: how it can move.
 
         Raises:
-            ShapeError: if an argument has another shape, is not finite, or cables are too few.
+            ShapeError: if an argument has another shape or is not finite.
             OutOfRangeError: if a standard deviation is not above zero.
         """
-        n = geometry.cables
-        if n < motion.freedom:
-            raise ShapeError(
-                f"cables: expected at least {motion.freedom} to find a pose by, got {n}"
-            )
+        n, motion = geometry.cables, geometry.motion
         std = finite_array("length_std", np.broadcast_to(length_std, (n,)), (n,))
         for value in std:
             in_range("length_std", value, 1e-12, LARGEST_STD_M)
         bound = float(np.sqrt(chi2.isf(MISSED, n)))
-        arms = _arms(geometry, motion)
+        arms = _arms(geometry)
         used = np.zeros(6)
         used[motion.directions] = 1.0
         self._used = used
@@ -178,9 +171,9 @@ class PoseFinder:
         return FoundPose(state, work.position.copy(), work.rotation.copy(), covariance, residual)
 
 
-def _arms(geometry: RigGeometry, motion: Motion) -> FloatArray:
+def _arms(geometry: RigGeometry) -> FloatArray:
     """(n,) distance of the platform points from what they turn about [m]."""
-    turns = [row - 3 for row in motion.directions if row >= 3]
+    turns = [row - 3 for row in geometry.motion.directions if row >= 3]
     points = geometry.platform_points @ geometry.reference_rotation.T
     if not turns:
         return np.zeros(geometry.cables)

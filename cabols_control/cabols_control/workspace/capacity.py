@@ -8,20 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.cable_kernels import (
-    MIN_CABLE_LENGTH_M,
-    cable_lengths_into,
-    structure_matrix_into,
-)
-from cabols_control.checks import BoolArray, FloatArray, finite_array, in_range
+from cabols_control.checks import BoolArray, FloatArray, IntArray, finite_array, in_range
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
 from cabols_control.tension import DEFAULT_WEIGHTS, work_size
 from cabols_control.tension.arguments import check_limits, check_weights
-from cabols_control.tension.kernels.static_size import compiled
 
-from .facet_result import CLOSURE, FACTOR, HIGHEST, LOWEST, MARGIN, RESULTS, worst_result
-from .hyperplanes import capacity_at, capacity_of_matrix, facet_normals
+from .capacity_loops import capacity_loop, capacity_loop_of_part
+from .facet_result import CLOSURE, FACTOR, HIGHEST, LOWEST, MARGIN, RESULTS
+from .hyperplanes import capacity_of_matrix, facet_normals
 from .wrench_set import WrenchSet
 
 CLOSED = 1e-9
@@ -81,6 +76,7 @@ class CapacityTask(NamedTuple):
         holds: whether there is a constant part at all.
         shortest: least length of a cable [m].
         longest: largest [m].
+        directions: (m,) components of a wrench that count, of 6: see Motion.
     """
 
     cables: Any
@@ -96,6 +92,7 @@ class CapacityTask(NamedTuple):
     holds: bool
     shortest: float
     longest: float
+    directions: IntArray
 
 
 class PlatformWeight(NamedTuple):
@@ -151,88 +148,30 @@ def capacity_task(
         holds=bool(weight > 0.0 or required.held.any()),
         shortest=geometry.cable_length_min,
         longest=geometry.cable_length_max,
+        directions=geometry.motion.directions,
     )
 
 
-@compiled
-def to_platform_axes(matrix: FloatArray, rotation: FloatArray) -> None:
-    """Turn the columns of a structure matrix (6, n) from base to platform axes, in place."""
-    for i in range(matrix.shape[1]):
-        for part in range(2):
-            x, y, z = matrix[3 * part, i], matrix[3 * part + 1, i], matrix[3 * part + 2, i]
-            for k in range(3):
-                turned = rotation[0, k] * x + rotation[1, k] * y + rotation[2, k] * z
-                matrix[3 * part + k, i] = turned
-
-
-@compiled
-def _held_wrench(task: CapacityTask, rotation: FloatArray, held: FloatArray) -> None:
-    """Constant part of the required set at an orientation, times the weights, in its axes."""
-    r = task.centre_of_mass
-    x = rotation[0, 0] * r[0] + rotation[0, 1] * r[1] + rotation[0, 2] * r[2]
-    y = rotation[1, 0] * r[0] + rotation[1, 1] * r[1] + rotation[1, 2] * r[2]
-    base = np.empty(6)
-    # A weight along -z at (x, y, .) is to be carried: a force along z and its torque.
-    carried = (0.0, 0.0, 1.0, y, -x, 0.0)
-    for k in range(6):
-        base[k] = task.held[k] + carried[k] * task.weight
-    for part in range(2):
-        for k in range(3):
-            value = base[3 * part + k]
-            if task.platform_axes:
-                value = 0.0
-                for i in range(3):
-                    value += rotation[i, k] * base[3 * part + i]
-            held[3 * part + k] = task.weights[3 * part + k] * value
-
-
-@compiled
-def _reaches(
-    task: CapacityTask, position: FloatArray, rotation: FloatArray, lengths: FloatArray
-) -> bool:
-    """Whether every cable's length is within its limits; lengths (n,) is filled [m]."""
-    cable_lengths_into(task.cables, position, rotation, lengths)
-    return bool((task.shortest <= lengths).all() and (lengths <= task.longest).all())
-
-
-@compiled
-def capacity_loop(
-    task: CapacityTask,
-    positions: FloatArray,
-    rotations: FloatArray,
-    scratch: FloatArray,
-    normals: FloatArray,
-    results: FloatArray,
+def evaluate_poses(
+    task: CapacityTask, positions: FloatArray, rotations: FloatArray, results: FloatArray
 ) -> None:
-    """Fill results (k, o, RESULTS) for every position (k, 3) with every rotation (o, 3, 3)."""
-    n = task.cables.shape[0]
-    vectors = task.points.shape[0] + task.generators.shape[0] + n
-    work = scratch[: work_size(n)]
-    start = work_size(n)
-    products = scratch[start : start + n * vectors].reshape((n, vectors))
-    start += n * vectors
-    matrix = scratch[start : start + 6 * n].reshape((6, n))
-    scaled = scratch[start + 6 * n : start + 12 * n].reshape((6, n))
-    held, lengths = np.zeros(6), np.empty(n)
-    bounded = task.shortest > MIN_CABLE_LENGTH_M or task.longest < np.inf
-    for k in range(positions.shape[0]):
-        for o in range(rotations.shape[0]):
-            structure_matrix_into(task.cables, positions[k], rotations[o], matrix)
-            if task.platform_axes:
-                to_platform_axes(matrix, rotations[o])
-            if task.holds:
-                _held_wrench(task, rotations[o], held)
-            if bounded and not _reaches(task, positions[k], rotations[o], lengths):
-                worst_result(results[k, o])
-                continue
-            capacity_at(task, matrix, work, products, normals, scaled, held, results[k, o])
+    """Fill results (k, o, RESULTS) for every position (k, 3) with every rotation (o, 3, 3).
+
+    Args:
+        task: rig, limits and required wrenches.
+        positions: (k, 3) base frame [m].
+        rotations: (o, 3, 3) from platform to base axes.
+        results: filled.
+    """
+    loop = capacity_loop if task.directions.size == 6 else capacity_loop_of_part
+    loop(task, positions, rotations, *capacity_scratch(task), results)
 
 
 def capacity_scratch(task: CapacityTask) -> tuple[FloatArray, FloatArray]:
     """Return the scratch of `capacity_loop`: one flat array, and normals."""
-    n = task.cables.shape[0]
+    n, m = task.cables.shape[0], task.directions.size
     size = work_size(n) + n * (len(task.points) + len(task.generators) + n) + 12 * n
-    return np.zeros(size), np.zeros((comb(n, 5), 6))
+    return np.zeros(size), np.zeros((comb(n, m - 1), m))
 
 
 def capacity_along(
@@ -281,10 +220,9 @@ def capacity_along(
     turns = finite_array("rotations", rotations, (points.shape[0], 3, 3))
     results = np.empty((points.shape[0], 1, RESULTS))
     scratch, normals = capacity_scratch(task)
+    loop = capacity_loop if task.directions.size == 6 else capacity_loop_of_part
     for k in range(points.shape[0]):
-        capacity_loop(
-            task, points[k : k + 1], turns[k : k + 1], scratch, normals, results[k : k + 1]
-        )
+        loop(task, points[k : k + 1], turns[k : k + 1], scratch, normals, results[k : k + 1])
     return as_capacity(results.reshape(-1, RESULTS))
 
 

@@ -15,13 +15,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
 
 from .bodies import Bodies, interference_task
-from .capacity import capacity_task
+from .capacity import NO_WEIGHT, CapacityTask, PlatformWeight, capacity_task
 from .grid import PoseGrid, WorkspaceMap, assemble, evaluate_piece
 from .wrench_set import WrenchSet
 
@@ -58,6 +59,26 @@ REFERENCE = (0.9, 0.8, 0.8, 0.9, 0.8, 0.8, 0.15, 0.15, -0.10, 0.10, 45.0, 45.0)
 LOWER = (0.5, 0.5, 0.4, 0.5, 0.5, 0.4, 0.08, 0.08, -0.2, -0.2, 0.0, 0.0)
 UPPER = (0.9, 0.8, 0.8, 0.9, 0.8, 0.8, 0.25, 0.25, 0.2, 0.2, 90.0, 90.0)
 """Bounds: no frame larger than the reference bench's, a platform of at most 0.5 by 0.4 m."""
+BENCH = "alternating"
+"""The reference bench's pattern."""
+GIVEN = "given"
+"""Family of a given robot of any number of cables: its points, stretched and turned."""
+GIVEN_PARAMETERS = (
+    "base_x",
+    "base_y",
+    "base_z",
+    "platform_x",
+    "platform_y",
+    "platform_z",
+    "platform_turn_deg",
+)
+"""Factors on the base points about their middle and on the platform points about the platform's
+origin, along the axes of the reference pose; turn of the platform points about z, or across the
+plane of a planar robot."""
+GIVEN_REFERENCE = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0)
+GIVEN_LOWER = (0.5, 0.5, 0.5, 0.5, 0.5, -1.6, -45.0)
+GIVEN_UPPER = (1.0, 1.0, 1.0, 1.6, 1.6, 1.6, 45.0)
+"""No frame larger than the given one's; upper and lower platform points may change places."""
 _CORNERS_DEG = (45.0, 135.0, 225.0, 315.0)
 _GUIDE = 0.1
 """Weight of the mean factor in the cost: a guide where no position is feasible yet."""
@@ -67,18 +88,22 @@ def rig_of(parameters: ArrayLike, pattern: str, reference: RigGeometry) -> RigGe
     """Return a member of the family.
 
     Args:
-        parameters: (12,) see PARAMETERS [m, deg].
-        pattern: key of PATTERNS.
+        parameters: (12,) see PARAMETERS [m, deg]; of GIVEN (7,), see GIVEN_PARAMETERS.
+        pattern: key of PATTERNS, or GIVEN.
         reference: gives the reference pose, where the family is centred, and the frames' names.
 
     Raises:
-        ShapeError: if the parameters are not (12,) or not finite.
+        ShapeError: if the parameters have another shape or are not finite.
         CabolsError: if the pattern is unknown.
-        DegenerateGeometryError: if the rig cannot carry a 6-DOF wrench at the reference pose.
+        DegenerateGeometryError: if the rig cannot carry every wrench at the reference pose.
     """
+    if pattern == GIVEN:
+        return _stretched(finite_array("parameters", parameters, (7,)), reference)
     p = finite_array("parameters", parameters, (len(PARAMETERS),))
     if pattern not in PATTERNS:
-        raise CabolsError(f"pattern: expected one of {', '.join(PATTERNS)}, got {pattern!r}")
+        raise CabolsError(
+            f"pattern: expected one of {', '.join([*PATTERNS, GIVEN])}, got {pattern!r}"
+        )
     base, platform = np.empty((8, 3)), np.empty((8, 3))
     for i, sign in enumerate(PATTERNS[pattern]):
         lower, corner = divmod(i, 4)
@@ -97,27 +122,57 @@ def rig_of(parameters: ArrayLike, pattern: str, reference: RigGeometry) -> RigGe
     )
 
 
+def _stretched(p: FloatArray, reference: RigGeometry) -> RigGeometry:
+    """Return a given robot with its points stretched and turned; see GIVEN_PARAMETERS."""
+    rotation = np.array(reference.reference_rotation)
+    middle = reference.base_points.mean(axis=0)
+    base = (reference.base_points - middle) @ rotation * p[:3]
+    axis = np.eye(3)[2 if reference.motion.across is None else reference.motion.across]
+    turn = Rotation.from_rotvec(np.deg2rad(p[6]) * (rotation.T @ axis)).as_matrix()
+    platform = reference.platform_points * p[3:6] @ turn.T
+    return replace(reference, base_points=middle + base @ rotation.T, platform_points=platform)
+
+
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
     """Criteria of a design.
 
     Attributes:
         reference: rig whose pose and frames are kept.
-        pattern: key of PATTERNS.
-        tension_min: [N].
-        tension_max: [N].
+        pattern: key of PATTERNS, or GIVEN.
+        tension_min: one, or for each cable [N].
+        tension_max: likewise [N].
         required: wrenches, base axes.
         bodies: for the interference test; None leaves it out.
         grid: positions that count, with the orientations that must all do.
+        weights: (6,) that make forces and torques comparable; None for the bench's.
+        platform: its weight, held beside the required wrenches.
     """
 
     reference: RigGeometry
     pattern: str
-    tension_min: float
-    tension_max: float
+    tension_min: ArrayLike
+    tension_max: ArrayLike
     required: WrenchSet
     bodies: Bodies | None
     grid: PoseGrid
+    weights: FloatArray | None = None
+    platform: PlatformWeight = NO_WEIGHT
+
+    def task(self, geometry: RigGeometry) -> CapacityTask:
+        """Return the arguments of the capacity of a rig.
+
+        Args:
+            geometry: of the rig.
+        """
+        return capacity_task(
+            geometry,
+            self.tension_min,
+            self.tension_max,
+            self.required,
+            weights=self.weights,
+            platform=self.platform,
+        )
 
     def __call__(self, parameters: ArrayLike) -> float:
         """Cost of a member of the family: minus the usable share of the grid, and a guide.
@@ -136,18 +191,38 @@ class DesignProblem:
 
     def map(self, geometry: RigGeometry) -> WorkspaceMap:
         """Evaluate a rig on the problem's grid; one core."""
-        task = capacity_task(geometry, self.tension_min, self.tension_max, self.required)
+        task = self.task(geometry)
         touching = None if self.bodies is None else interference_task(geometry, self.bodies)
         piece = evaluate_piece(task, touching, self.grid.positions, self.grid.rotations)
         free_above = 0.0 if self.bodies is None else self.bodies.clearance
         return assemble(self.grid, [piece], free_above)
 
 
-def design_bounds() -> list[tuple[float, float]]:
-    """Return the parameters' bounds for scipy's optimisers."""
+def design_bounds(pattern: str = "") -> list[tuple[float, float]]:
+    """Return the parameters' bounds for scipy's optimisers.
+
+    Args:
+        pattern: GIVEN, or a key of PATTERNS.
+    """
+    if pattern == GIVEN:
+        return list(zip(GIVEN_LOWER, GIVEN_UPPER, strict=True))
     return list(zip(LOWER, UPPER, strict=True))
 
 
+def reference_of(pattern: str) -> FloatArray:
+    """Parameters of the rig that a family starts from.
+
+    Args:
+        pattern: GIVEN, or a key of PATTERNS.
+    """
+    return np.array(GIVEN_REFERENCE if pattern == GIVEN else REFERENCE)
+
+
 def parameters_of(values: FloatArray) -> dict[str, float]:
-    """Name the parameters, for tables and files."""
-    return {name: float(v) for name, v in zip(PARAMETERS, values, strict=True)}
+    """Name the parameters, for tables and files.
+
+    Args:
+        values: (12,) or, of GIVEN, (7,).
+    """
+    names = PARAMETERS if len(values) == len(PARAMETERS) else GIVEN_PARAMETERS
+    return {name: float(v) for name, v in zip(names, values, strict=True)}

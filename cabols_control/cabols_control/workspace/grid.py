@@ -13,11 +13,13 @@ from cabols_control.checks import BoolArray, FloatArray, finite_array, in_range
 from cabols_control.errors import CabolsError, ShapeError
 
 from .bodies import InterferenceTask
-from .capacity import Capacity, CapacityTask, as_capacity, capacity_loop, capacity_scratch
+from .capacity import Capacity, CapacityTask, as_capacity, evaluate_poses
 from .facet_result import RESULTS
 from .interference import Clearance, clearance_loop, clearance_work
 from .surface import NO_MESH, Mesh, level_surface
 
+SLAB_M = 1.0
+"""Height of the solid whose volume gives a plane region's area."""
 CHUNK_POSES = 20_000
 """Poses of one piece of work, about a tenth of a second, so that cores end together."""
 
@@ -57,6 +59,12 @@ class PoseGrid:
     def shape(self) -> tuple[int, int, int]:
         """Number of positions along each axis."""
         return self.x.size, self.y.size, self.z.size
+
+    @property
+    def flat_axis(self) -> int | None:
+        """Axis of one position, where the two others have more; None for other grids."""
+        single = [k for k in range(3) if self.shape[k] == 1]
+        return single[0] if len(single) == 1 else None
 
     @property
     def poses(self) -> int:
@@ -137,7 +145,7 @@ def evaluate_piece(
     """Evaluate (k, 3) positions, each with all (o, 3, 3) rotations; one core."""
     shape = (positions.shape[0], rotations.shape[0])
     capacity, clearance = np.empty((*shape, RESULTS)), np.full((*shape, 3), np.inf)
-    capacity_loop(task, positions, rotations, *capacity_scratch(task), capacity)
+    evaluate_poses(task, positions, rotations, capacity)
     if bodies is not None:
         clearance_loop(bodies, positions, rotations, clearance_work(bodies), clearance)
     return Piece(capacity, clearance)
@@ -209,6 +217,23 @@ class WorkspaceMap:
         flat = min(self.grid.shape) < 2
         return {
             name: NO_MESH if flat else level_surface(self.grid.x, self.grid.y, self.grid.z, level)
+            for name, level in self.levels().items()
+        }
+
+    def areas(self) -> dict[str, float]:
+        """Area of each region of `levels` on a grid of one position along one axis [m^2].
+
+        Raises:
+            CabolsError: if the grid is another one.
+        """
+        axis = self.grid.flat_axis
+        if axis is None:
+            raise CabolsError(f"grid: expected one position along one axis, got {self.grid.shape}")
+        axes = [self.grid.x, self.grid.y, self.grid.z]
+        axes[axis] = np.array([0.0, SLAB_M])
+        x, y, z = axes
+        return {
+            name: level_surface(x, y, z, np.repeat(level, 2, axis=axis)).volume / SLAB_M
             for name, level in self.levels().items()
         }
 

@@ -6,7 +6,7 @@ attachment points, and what its cables bear. Nothing of the bench stands in with
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,11 @@ from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.configuration import STRICT, load_config, read_yaml
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.geometry import GeometryFile, RigGeometry, geometry_of
+from cabols_control.motion import Motion
 from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_control.tension.arguments import WEIGHT_LENGTH_M, check_limits
 
+from .bodies import Bodies
 from .capacity import MOST_WEIGHT_N, PlatformWeight
 
 GRAVITY_M_S2 = 9.80665
@@ -38,6 +40,8 @@ class _RobotFile(GeometryFile):
     mass: float = 0.0
     centre_of_mass: list[float] = Field(default_factory=lambda: [0.0, 0.0, 0.0])
     characteristic_length: float | None = None
+    required_wrench: list[float] | None = None
+    bodies: Bodies | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +54,9 @@ class Robot:
         tension_max: (n,) [N].
         platform: its weight, held beside the required wrenches.
         weights: (6,) that make forces and torques comparable.
-        own_bodies: whether the rig's bodies are those of this robot.
+        required: (6,) half widths of the box of required wrenches of its file [N, N m], or None.
+        bodies: of its file, or None.
+        own_bodies: whether the rig's bodies, and its other files, are those of this robot.
         notes: what was taken from elsewhere, for people.
     """
 
@@ -59,16 +65,19 @@ class Robot:
     tension_max: FloatArray
     platform: PlatformWeight
     weights: FloatArray
+    required: FloatArray | None
+    bodies: Bodies | None
     own_bodies: bool
     notes: tuple[str, ...]
 
     def half_widths(self) -> FloatArray:
         """(3,) half widths of a grid round the reference position: a third of the frame [m].
 
-        Across a flat frame it is the platform's radius.
+        Across a flat frame it is the platform's radius, of a point a third of the largest side.
         """
         sides = GRID_SHARE * np.ptp(self.geometry.base_points, axis=0)
-        return np.where(sides > 0.0, sides, self.geometry.platform_radius)
+        radius = self.geometry.platform_radius
+        return np.where(sides > 0.0, sides, radius if radius > 0.0 else sides.max())
 
 
 def load_robot(
@@ -82,8 +91,9 @@ def load_robot(
         rig: name or folder, see find_rig; empty: the reference bench.
         geometry: YAML of another robot in place of the rig's: a geometry file which may also hold
             `tension_min` and `tension_max` (a number or one for each cable [N]), `mass` [kg] and
-            `centre_of_mass` [m, platform axes], and `characteristic_length` [m], at which torques
-            count as forces; None or empty: the rig's.
+            `centre_of_mass` [m, platform axes], `characteristic_length` [m], at which torques
+            count as forces, `required_wrench` (half widths of a box [N, N m]) and `bodies` (as
+            in bodies.yaml); None or empty: the rig's.
         control: YAML whose `tension_min` and `tension_max` are taken, of any size; None or empty:
             the robot file's, or the rig's.
 
@@ -110,16 +120,24 @@ def load_robot(
     length = content.characteristic_length
     if length is None:
         length = WEIGHT_LENGTH_M
-        if geometry:
+        if geometry and shape.motion is not Motion.POINT:
             notes.append(
                 f"torques count as forces at {length} m, as on the bench; for another length: "
                 "characteristic_length in the robot's file"
             )
+    across = shape.motion.across
+    if geometry and across is not None:
+        notes.append(
+            f"the platform moves in the {shape.motion.value[-2:]} plane: wrenches across it"
+            f"{', its weight among them,' if across == 2 and content.mass else ''} do not count"
+        )
     try:
         low, high = _limits(shape.cables, *own)
         in_range("mass", content.mass, 0.0, MOST_WEIGHT_N / GRAVITY_M_S2)
         in_range("characteristic_length", length, 1e-6, 1e6)
         centre = finite_array("centre_of_mass", content.centre_of_mass, (3,))
+        box = content.required_wrench
+        required = None if box is None else finite_array("required_wrench", box, (6,))
     except CabolsError as error:
         raise ConfigError(f"{limits_source}: {error}") from error
     return Robot(
@@ -128,9 +146,32 @@ def load_robot(
         tension_max=high,
         platform=PlatformWeight(GRAVITY_M_S2 * content.mass, (centre[0], centre[1], centre[2])),
         weights=np.array([1.0, 1.0, 1.0, *[1.0 / length] * 3]),
+        required=required,
+        bodies=content.bodies,
         own_bodies=not geometry,
         notes=tuple(notes),
     )
+
+
+def robot_words(robot: Robot) -> dict[str, Any]:
+    """Return what a robot's file says beside its geometry; `load_robot` reads it.
+
+    Args:
+        robot: to write.
+    """
+    words: dict[str, Any] = {
+        "tension_min": robot.tension_min.tolist(),
+        "tension_max": robot.tension_max.tolist(),
+        "characteristic_length": float(1.0 / robot.weights[3]),
+    }
+    if robot.platform.weight > 0.0:
+        words["mass"] = robot.platform.weight / GRAVITY_M_S2
+        words["centre_of_mass"] = [float(value) for value in robot.platform.centre_of_mass]
+    if robot.required is not None:
+        words["required_wrench"] = robot.required.tolist()
+    if robot.bodies is not None:
+        words["bodies"] = asdict(robot.bodies)
+    return words
 
 
 def _limits(cables: int, low: Any, high: Any) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ from cabols_control.geometry import load_geometry
 from cabols_control.rig_folder import rig_file
 from cabols_control.workspace.tool.command import main as workspace
 from case_robots import FOLDER
-from cases import fails_today, outcome
+from cases import outcome
 
 SMALL = ["--scheduler", "inline", "--counts", "2", "2", "2", "--tilt", "0", "--output"]
 
@@ -40,7 +40,6 @@ def test_bodies_of_another_rig_are_not_used_silently(tmp_path, capsys):
     assert code != 0 or "bench" in said.out + said.err
 
 
-@fails_today(18, "planar robots are refused")
 @pytest.mark.parametrize("name", ["planar_ex_planar", "planar_kntu", "planar_cross"])
 def test_planar_robots_load(name):
     found = outcome(lambda: load_geometry(FOLDER / f"{name}.yaml"))

@@ -20,8 +20,8 @@ from cabols_control.checks import FloatArray
 from cabols_control.command_line import DONE, CommandParser, command, rig_option
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
+from cabols_control.motion import Motion
 from cabols_control.output_folder import output_folder
-from cabols_control.rig_folder import find_rig
 from cabols_control.workspace.bodies import Bodies, interference_task, load_bodies
 from cabols_control.workspace.capacity import capacity_along, capacity_task
 from cabols_control.workspace.grid import PoseGrid, WorkspaceMap, box_grid, tilts
@@ -31,11 +31,14 @@ from cabols_control.workspace.surface import Mesh
 from cabols_control.workspace.wrench_set import WrenchSet, wrench_box, wrench_polytope
 
 from . import figures, files
-from .design_command import add_design, run_design
+from .design_command import COARSE, Choices, add_design, run_design
 from .workers import LOCAL, workers
 
 TURN_POINTS = 13
+BENCH_BOX = (50.0, 50.0, 50.0, 5.0, 5.0, 5.0)
 BENCH_HALF_WIDTHS = (0.6, 0.5, 0.5)
+FIXED_DEG = 1e-6
+"""Turn about an axis about which the platform cannot turn, beyond which it is one."""
 MESHES = {
     "closed": "wrench-closed",
     "feasible": "wrench-feasible",
@@ -55,9 +58,9 @@ def rig_options(parser: argparse.ArgumentParser) -> None:
         "--box",
         type=float,
         nargs=6,
-        default=[50.0, 50.0, 50.0, 5.0, 5.0, 5.0],
         metavar=("FX", "FY", "FZ", "MX", "MY", "MZ"),
-        help="required wrenches: half widths of a box [N, N m] (default: 50 N, 5 N m)",
+        help="required wrenches: half widths of a box [N, N m] (default: the robot's "
+        "required_wrench, or 50 N, 5 N m)",
     )
     parser.add_argument("--wrenches", type=Path, help="CSV, six columns: their convex hull instead")
     parser.add_argument(
@@ -76,15 +79,26 @@ def worker_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=int, help="local processes (default: one per core)")
 
 
-def required_wrenches(options: argparse.Namespace) -> WrenchSet:
-    """Return the set that the options describe.
+def required_wrenches(options: argparse.Namespace, robot: Robot) -> WrenchSet:
+    """Return the set that the options, or the robot's file, describe.
+
+    Args:
+        options: of the command.
+        robot: whose `required_wrench` is taken where the options give none.
 
     Raises:
         CabolsError: if the file does not hold six finite columns.
         OSError: if it cannot be read.
     """
     if options.wrenches is None:
-        return wrench_box(options.box)
+        if options.box is not None:
+            return wrench_box(options.box)
+        if robot.required is None and not robot.own_bodies:
+            print(
+                "note: required wrenches are those of the bench, 50 N and 5 N m; for others: "
+                "--box, --wrenches, or required_wrench in the robot's file"
+            )
+        return wrench_box(BENCH_BOX if robot.required is None else robot.required)
     try:
         table = np.loadtxt(options.wrenches, delimiter=",", ndmin=2, comments="#")
     except ValueError as error:
@@ -103,13 +117,14 @@ def _robot(options: argparse.Namespace) -> Robot:
 def _bodies(options: argparse.Namespace, robot: Robot) -> Bodies | None:
     if options.no_bodies:
         return None
-    if not (robot.own_bodies or options.bodies):
-        rig = find_rig(options.rig)
+    if robot.own_bodies or options.bodies:
+        return load_bodies(options.rig, options.bodies)
+    if robot.bodies is None:
         print(
-            f"note: platform and target are those of the rig {rig.name}; for others: "
-            "--bodies FILE, or --no-bodies"
+            "note: interference is left out: the bench's platform and target are not this robot's; "
+            "for its own: bodies in the robot's file, or --bodies FILE"
         )
-    return load_bodies(options.rig, options.bodies)
+    return robot.bodies
 
 
 def _progress(start_s: float) -> Callable[[int, int], None]:
@@ -121,12 +136,26 @@ def _progress(start_s: float) -> Callable[[int, int], None]:
     return show
 
 
-def _grid(options: argparse.Namespace, geometry: RigGeometry) -> PoseGrid:
+def grid_of(options: argparse.Namespace, geometry: RigGeometry) -> PoseGrid:
+    """Return the grid that the options describe, along what the platform can move.
+
+    Args:
+        options: half_widths, counts and tilt.
+        geometry: of the robot.
+    """
+    counts, motion = list(options.counts), geometry.motion
     angles = tilts(options.tilt) if options.tilt != 0.0 else np.zeros((1, 3))
+    if motion.across is not None:
+        counts[motion.across] = 1
+    if motion is not Motion.SPATIAL:
+        # Turns of `tilts` are about the reference pose's own axes.
+        turned = angles @ geometry.reference_rotation.T
+        fixed = [k for k in range(3) if k + 3 not in motion.directions]
+        angles = angles[np.abs(turned[:, fixed]).max(axis=1) < FIXED_DEG]
     return box_grid(
         geometry.reference_position,
         options.half_widths,
-        tuple(options.counts),
+        (counts[0], counts[1], counts[2]),
         angles,
         geometry.reference_rotation,
     )
@@ -152,7 +181,11 @@ def map_figures(
         "poses_usable": int(found.usable.sum()),
         "feasible_share": float(found.feasible.all(axis=-1).mean()),
         "usable_share": float(found.usable.all(axis=-1).mean()),
-        **{f"{name}_volume_m3": mesh.volume for name, mesh in solids.items()},
+        **(
+            {f"{name}_volume_m3": mesh.volume for name, mesh in solids.items()}
+            if found.grid.flat_axis is None
+            else {f"{name}_area_m2": area for name, area in found.areas().items()}
+        ),
     }
 
 
@@ -164,13 +197,13 @@ def run_map(options: argparse.Namespace) -> None:
         options.half_widths = (
             robot.half_widths() if options.geometry or options.rig else BENCH_HALF_WIDTHS
         )
-    required = required_wrenches(options)
+    required = required_wrenches(options, robot)
     limits = (robot.tension_min, robot.tension_max)
     axes = options.platform_axes
     task = capacity_task(geometry, *limits, required, axes, robot.weights, robot.platform)
     touching = None if bodies is None else interference_task(geometry, bodies)
     free_above = 0.0 if bodies is None else bodies.clearance
-    grid = _grid(options, geometry)
+    grid = grid_of(options, geometry)
     print(f"{grid.poses} poses: {grid.shape} positions, {len(grid.angles_deg)} orientations")
     # Map, trajectory and designs may share a folder; each replaces its own files alone.
     with (
@@ -183,7 +216,7 @@ def run_map(options: argparse.Namespace) -> None:
         solids = found.solids()
         summary = map_figures(found, solids, seconds, pool.description)
         _leave_map(found, solids, summary, geometry, options)
-        if bodies is not None:
+        if bodies is not None and geometry.motion is Motion.SPATIAL:
             _map_turns(geometry, bodies, options)
         folder.finish()
     print(f"table, meshes and figures are in {options.output}")
@@ -201,6 +234,9 @@ def _leave_map(
         print(f"  {name:22} {value:.4g}" if isinstance(value, float) else f"  {name:22} {value}")
     files.write_json(summary, options.output / "workspace.json")
     files.write_map(found, options.output / "workspace.csv")
+    if found.grid.flat_axis is not None:
+        title = f"Least over {len(found.grid.angles_deg)} orientations"
+        figures.draw_plane(found, geometry, options.output / "slices.png", title)
     if min(found.grid.shape) > 1:
         shown = [(name, solids[region]) for region, name in MESHES.items()]
         title = f"Workspace at {len(found.grid.angles_deg)} orientations"
@@ -243,7 +279,7 @@ def run_trajectory(options: argparse.Namespace) -> None:
         rotations,
         robot.tension_min,
         robot.tension_max,
-        required_wrenches(options),
+        required_wrenches(options, robot),
         options.platform_axes,
         robot.weights,
         robot.platform,
@@ -264,6 +300,20 @@ def run_trajectory(options: argparse.Namespace) -> None:
     print(f"  least factor    {capacity.factor.min():.3f}")
     print(f"  least clearance {1e3 * clearance.least.min():.1f} mm, {1e3 * free_above:g} required")
     print(f"table and figure are in {options.output}")
+
+
+def _design(options: argparse.Namespace) -> None:
+    """Optimise attachment points from the given robot."""
+    robot = _robot(options)
+    own = not (options.geometry or options.rig)
+    options.half_widths = BENCH_HALF_WIDTHS if own else robot.half_widths()
+    options.counts = COARSE
+    choices = Choices(
+        required_wrenches(options, robot),
+        _bodies(options, robot),
+        grid_of(options, robot.geometry),
+    )
+    run_design(options, robot, choices)
 
 
 @command
@@ -307,7 +357,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rig_options(design)
     worker_options(design)
     add_design(design)
-    design.set_defaults(run=lambda options: run_design(options, required_wrenches(options)))
+    design.set_defaults(run=_design)
     options = parser.parse_args(arguments)
     options.run(options)
     return DONE

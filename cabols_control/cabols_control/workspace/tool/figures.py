@@ -116,6 +116,36 @@ def draw_slices(found: WorkspaceMap, path: Path, title: str) -> None:
     figure.savefig(path, dpi=DPI)
 
 
+def draw_plane(found: WorkspaceMap, geometry: RigGeometry, path: Path, title: str) -> None:
+    """Draw the least factor over the orientations of a grid with one flat axis, and the robot.
+
+    Args:
+        found: map of such a grid.
+        geometry: of the robot.
+        path: picture to write.
+        title: above it.
+    """
+    flat = found.grid.flat_axis
+    across, up = (k for k in range(3) if k != flat)
+    axes_m = (found.grid.x, found.grid.y, found.grid.z)
+    factor = np.squeeze(found.capacity.factor.min(axis=-1), axis=flat).T
+    figure = Figure(figsize=(6.0, 5.0), layout="constrained")
+    axes: Any = figure.subplots()
+    top = max(2.0, float(np.percentile(factor, 99)))
+    image = axes.pcolormesh(axes_m[across], axes_m[up], factor, vmin=0.0, vmax=top, cmap="viridis")
+    axes.contour(axes_m[across], axes_m[up], factor, levels=[1.0], colors=LIMIT, linewidths=2.0)
+    held = geometry.reference_position + geometry.platform_points @ geometry.reference_rotation.T
+    for start, end in zip(geometry.base_points, held, strict=True):
+        line = np.stack([start, end])
+        axes.plot(line[:, across], line[:, up], color=CABLE, linewidth=0.7)
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"{'xyz'[across]} [m]")
+    axes.set_ylabel(f"{'xyz'[up]} [m]")
+    axes.set_title(f"{title} (red: 1, the limit)", fontsize=10)
+    figure.colorbar(image, ax=axes, label="multiple of the required set [-]")
+    figure.savefig(path, dpi=DPI)
+
+
 def draw_trajectory(
     capacity: Capacity, clearance: Clearance, free_above: float, path: Path
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError, DataFileError
 from cabols_control.geometry import RigGeometry
+from cabols_control.motion import Motion
 from cabols_control.plain_numbers import plain_number
 from cabols_control.workspace.grid import WorkspaceMap
 from cabols_control.workspace.surface import Mesh
@@ -133,8 +134,17 @@ def _pose(path: Path, line: int, row: dict[str, str]) -> list[float]:
         raise DataFileError(f"{path}, line {line}: {error}") from error
 
 
-def write_geometry(geometry: RigGeometry, path: Path, comment: str) -> None:
-    """Write a geometry as the YAML that `load_geometry` reads, the comment above it."""
+def write_geometry(
+    geometry: RigGeometry, path: Path, comment: str, words: Mapping[str, Any] | None = None
+) -> None:
+    """Write a geometry as the YAML that `load_geometry` reads, the comment above it.
+
+    Args:
+        geometry: to write.
+        path: of the file.
+        comment: above it.
+        words: more keys, of a robot's file; None for none.
+    """
     angles = Rotation.from_matrix(geometry.reference_rotation).as_euler("XYZ", degrees=True)
     content = {
         "base_frame": geometry.base_frame,
@@ -144,9 +154,11 @@ def write_geometry(geometry: RigGeometry, path: Path, comment: str) -> None:
             "rotation_xyz_deg": _rounded(angles),
         },
         **_length_limits(geometry),
+        **({} if geometry.motion is Motion.SPATIAL else {"motion": geometry.motion.value}),
         "base_points": [_rounded(row) for row in geometry.base_points],
         "platform_points": [_rounded(row) for row in geometry.platform_points],
         **_pulleys(geometry),
+        **(words or {}),
     }
     lines = "".join(f"# {line}\n" for line in comment.splitlines())
     path.write_text(lines + yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
