@@ -132,8 +132,8 @@ bench-design: setup  ## count the loads that an optimal stiffness campaign saves
 bench-campaign: setup  ## 20 seeds of a five-configuration campaign: errors, coverage (hours; goes on where it was)
 	@$(BIN)/python tests/bench/bench_campaign.py $(ARGS)
 
-campaign-versions: setup  ## a short campaign on the simulated controllers of both versions of Robot Web Services
-	@$(BIN)/python tests/bench/campaign_versions.py $(ARGS)
+campaign-robots: setup  ## a short campaign on each simulated robot controller: RWS 1, RWS 2, RTDE with its own arm
+	@$(BIN)/python tests/bench/campaign_robots.py $(ARGS)
 
 bench-tracking: setup  ## errors against the command: feedback and preview, as designed and with a mismatch
 	@mkdir -p build/bench
