@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.safety.config import load_safety
 from cabols_hw.safety.limb_rules import LIMB_LIMITS, LIMB_WATCH, forget_motion, judge_limbs
 from cabols_hw.safety.rules import Rule
+from rig_harness import RigInOneProcess
 
 GAIN, TIME_CONSTANT = 0.9, 0.36  # k [m/s/A] and T [s] of limb 1 of the bench
 CURRENT_A = 0.8
@@ -63,3 +65,18 @@ def test_gap_while_a_limb_moves_breaks_no_rule(gap_ms):
 def test_limb_that_jams_is_found_in_spite_of_a_gap(gap_ms):
     found = judge(1e-3 * gap_ms, jams_at_s=0.01)
     assert Rule.MOTION in found
+
+
+def test_gauge_that_shows_the_same_number_after_a_gap_is_not_flat(rig, card, plant_config):
+    """Of two samples a quarter of a second apart nothing is known in between."""
+    bench = RigInOneProcess(rig, card, plant_config, seed=3)
+    bench.run(0.1)
+    envelope, now_s = bench.guard.safety, bench.now_s
+    for k in range(1, 4):
+        found = envelope.judge(now_s + 0.25 * k, bench.bridge, OperatingMode.STOPPED)
+        assert found is None, found.reason
+    for k in range(1, 300):
+        found = found or envelope.judge(
+            now_s + 0.75 + 1e-3 * k, bench.bridge, OperatingMode.STOPPED
+        )
+    assert found.name == "sensor_flat"

@@ -249,7 +249,8 @@ class SafetyEnvelope:
 
     def _judge_sensor(self, dt_s: float, bridge: Bridge) -> BridgeFault | None:
         rule, gauge = rules.judge_sensor(
-            max(dt_s, 0.0),
+            # A gap proves nothing of the samples that are missing.
+            min(max(dt_s, 0.0), LONGEST_STEP_S),
             bridge.gauges,
             self._last_volts,
             bridge.saturated_volts,
