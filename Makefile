@@ -125,6 +125,14 @@ bench-verdict: setup  ## data sets drawn by seed: good ones refused, wrong ones 
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_verdict.py $(ARGS)
 
+bench-ladder: setup  ## ladder of models: coverage of each rung's intervals, time in linear fits (goes on where it was)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_ladder.py $(ARGS)
+
+bench-mismatch: setup  ## ladder of models on hidden robots: held-out deflections, compensation, bands (goes on where it was)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_mismatch.py $(ARGS)
+
 bench-design: setup  ## count the loads that an optimal stiffness campaign saves
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_design.py $(ARGS)

@@ -51,6 +51,8 @@ FAULTS = (
     Suspect.WRENCH_GAIN,
 )
 
+LEAST_SHARE = 0.02
+
 LEAST_GAIN = 0.003
 """Share of the squared error that a rung must remove."""
 
@@ -131,12 +133,12 @@ class Ladder:
             observations: of the robot.
             found: fit of the joints' compliance, with the samples in use.
         """
-        self.scale = found.parameters.compliance
+        self.scale = natural_scale(found)
         deflection = found.deflection
         self.reach = np.maximum(np.abs(deflection[found.use]).max(axis=0, initial=0.0), 1e-9)
         self._use: BoolArray = found.use
         joints = Joints(self.scale)
-        arm = Arm((joints,), np.ones(joints.size))
+        arm = Arm((joints,), found.parameters.compliance / self.scale)
         samples = observations.samples
         nothing = np.zeros_like(deflection)
         state = settle(
@@ -306,6 +308,25 @@ class Ladder:
                 if not gain > BEYOND_DOUBT * doubt:
                     found.append((one.candidate, one.kept))
         return tuple(found)
+
+
+def natural_scale(found: Fitted) -> FloatArray:
+    """(n,) compliances of a natural size: as the joints alone have, but none absurdly small.
+
+    Coupled joints can leave a joint alone no compliance at all; what it then counts as is the
+    compliance by which it would make LEAST_SHARE of the motion.
+
+    Args:
+        found: fit of the joints alone.
+    """
+    line, compliance = found.line, found.parameters.compliance
+    torque = line.balance.posture.torque(line.balance.wrench)
+    each = line.motion[found.use] * torque[found.use][:, None, :]
+    total = np.sqrt(np.mean((each @ compliance) ** 2))
+    per_unit = np.sqrt(np.mean(each**2, axis=(0, 1)))
+    least = LEAST_SHARE * total / np.maximum(per_unit, 1e-300)
+    known = per_unit > 1e-6 * float(per_unit.max(initial=0.0))
+    return np.asarray(np.where(known, np.maximum(compliance, least), compliance))
 
 
 def _held(states: FrictionStates, state: Statics, reach: FloatArray) -> FloatArray:

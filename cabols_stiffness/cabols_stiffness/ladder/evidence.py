@@ -13,10 +13,10 @@ import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_stiffness.identification.observations import Linearised, Observations, whiten
-from cabols_stiffness.measurements.samples import PointSamples
-from cabols_stiffness.model.elastic.arm import Arm, settle
+from cabols_stiffness.measurements.samples import PointSamples, Samples
+from cabols_stiffness.model.elastic.arm import Arm, settle, softness
 from cabols_stiffness.model.elastic.blocks import Statics
-from cabols_stiffness.model.screws import logarithm, point_motion
+from cabols_stiffness.model.screws import logarithm, point_motion, turning
 
 CONFIGURATIONS_LEAST = 4
 """Configurations from which on whole ones are held out."""
@@ -58,6 +58,25 @@ def motion_of(observations: Observations, state: Statics) -> FloatArray:
         rotation = state.frames.posture.rotation
         return point_motion(np.einsum("kij,kj->ki", rotation, samples.offset))
     return np.broadcast_to(np.eye(6), (len(samples), 6, 6))
+
+
+def covariance_of(observations: Observations, arm: Arm, state: Statics) -> FloatArray:
+    """(k, m, m) of the residual: the measurement's, and the wrench's through the soft arm.
+
+    Args:
+        observations: of the robot.
+        arm: what gives way.
+        state: of the samples.
+    """
+    samples = observations.samples
+    posture = state.frames.posture
+    through = motion_of(observations, state) @ softness(arm, state)
+    noise = samples.deflection_covariance if isinstance(samples, Samples) else None
+    if isinstance(samples, PointSamples):
+        through = through @ turning(posture.rotation)
+        noise = samples.position_covariance
+    assert noise is not None
+    return np.asarray(noise + through @ samples.wrench_covariance @ through.swapaxes(1, 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,17 @@ from cabols_stiffness.identification.gauss_newton import Fitted
 from cabols_stiffness.identification.observations import Linearised, Observations
 from cabols_stiffness.ladder.candidates import FLAT, Candidate, draw
 from cabols_stiffness.ladder.choose import Choice
-from cabols_stiffness.ladder.evidence import Rows, motion_of, residual_of, rows_of, solve
+from cabols_stiffness.ladder.evidence import (
+    Rows,
+    covariance_of,
+    motion_of,
+    residual_of,
+    rows_of,
+    solve,
+)
 from cabols_stiffness.ladder.scatter import Scatter, scatter_of, weighted
 from cabols_stiffness.model.elastic.arm import Arm, settle
-from cabols_stiffness.model.elastic.blocks import Friction, Rung, Statics
+from cabols_stiffness.model.elastic.blocks import Friction, Joints, Rung, Statics
 
 STEPS = 8
 CONVERGED = 0.03
@@ -110,7 +117,12 @@ def _fitted(
     n, m = robot.n, observations.size
     blocks = tuple(one.block for one in choice.taken)
     size = sum(block.size for block in blocks)
-    values = np.concatenate([np.ones(n), np.zeros(size - n)]) if start is None else start
+    values = np.zeros(size) if start is None else start
+    if start is None:
+        joints = blocks[0]
+        assert isinstance(joints, Joints)
+        values[:n] = found.parameters.compliance / joints.scale
+    line = found.line
     deflection, converged, steps = found.deflection, False, 0
     drawn = np.zeros_like(deflection)
     scatter = Scatter(np.zeros(n), max(choice.rms**2, 1e-12), np.zeros(n))
@@ -125,7 +137,9 @@ def _fitted(
         deflection = state.deflection
         residual = residual_of(observations, arm, state)
         columns = motion_of(observations, state) @ arm.columns(state)
-        rows = rows_of(observations, residual, columns, found.line, use)
+        if steps == 1:
+            line = replace(line, covariance=covariance_of(observations, arm, state))
+        rows = rows_of(observations, residual, columns, line, use)
         if steps > 0:
             scatter = scatter_of(rows, rows.residual, rows.columns[:, :n], quick=not converged)
         precision = prior_precision(choice.taken, scatter.variance)
@@ -154,7 +168,7 @@ def _fitted(
         use=use,
         state=state,
         rows=replace(rows, residual=left, columns=matrix),
-        line=found.line,
+        line=line,
         columns=columns.reshape(-1, m, size),
         residual=residual,
         steps=steps,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
-from cabols_stiffness.model.elastic.blocks import Block, Friction, Motion, Statics
+from cabols_stiffness.model.elastic.blocks import Block, Friction, Motion, Rung, Statics
 from cabols_stiffness.model.elastic.frames import frames_of
 from cabols_stiffness.model.elastic.friction import friction_along
 from cabols_stiffness.model.robot import RobotModel
@@ -113,6 +113,29 @@ def settle(
         if np.abs(moved - before).max(initial=0.0) <= ACCURACY * max(largest, 1e-9):
             break
     return state
+
+
+def softness(arm: Arm, state: Statics) -> FloatArray:
+    """(k, 6, 6) motion of the tool by a small wrench on it, base axes, to first order.
+
+    Args:
+        arm: what gives way.
+        state: of the arm.
+    """
+    k, n = state.torque.shape
+    posture, twists = state.frames.posture, state.frames.twists
+    found = np.empty((k, 6, 6))
+    for axis, unit in enumerate(np.eye(6)):
+        load = np.broadcast_to(unit, (k, 6))
+        on_bodies = np.einsum("kbij,ki->kbj", twists, load)
+        one = replace(state, torque=posture.torque(load), wrench=on_bodies)
+        motion = Motion(np.zeros((k, n)), np.zeros((k, n + 1, 6)))
+        for block, at in zip(arm.blocks, arm.slices, strict=True):
+            if block.rung not in (Rung.FRICTION, Rung.CUBIC):
+                block.move(arm.values[at], one, motion)
+        found[:, :, axis] = np.einsum("kij,kj->ki", posture.jacobian, motion.joints)
+        found[:, :, axis] += np.einsum("kbij,kbj->ki", twists, motion.bodies)
+    return found
 
 
 def _first_loading(
