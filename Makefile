@@ -105,6 +105,10 @@ bench-pulleys: setup  ## time a new pose over pulleys beside one between points
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_pulleys.py $(ARGS)
 
+bench-calibration: setup  ## calibrate 200 simulated rigs that differ from their drawing (--short: 20); resumes
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_calibration.py $(ARGS)
+
 bench-workspace: setup  ## time workspace grids beside linear programmes
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_workspace.py $(ARGS)

@@ -26,6 +26,7 @@ from cabols_control.command_line import (
     fail,
     rig_option,
 )
+from cabols_control.errors import UsageError
 from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
 from cabols_control.output_folder import output_folder
 from cabols_control.rig import load_rig
@@ -38,6 +39,7 @@ from cabols_control.run_report.computer import (
 )
 from cabols_sim.bench.bare_timer import Timers, bare_timers
 from cabols_sim.bench.busiest import busiest
+from cabols_sim.bench.pulley_rig import make_pulley_rig
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
 
 STALL_NS = 50_000_000
@@ -112,10 +114,19 @@ def main() -> int:
         None if arguments.rigid else importlib.import_module("cabols_sim.ros.demo_session")
     )
     with output_folder(arguments.output, "demo") as folder:
+        if arguments.pulleys is not None:
+            arguments.rig = str(_pulley_rig(arguments))
         code, complete = _run(arguments, program, session_module)
         if complete:
             folder.finish()
     return code
+
+
+def _pulley_rig(arguments: argparse.Namespace) -> Path:
+    """Make the folder of the rig with pulleys that the options ask for."""
+    source, neglected = find_rig(arguments.rig), arguments.neglect_pulleys
+    target = arguments.output / f"{source.name}_pulleys"
+    return make_pulley_rig(source, target, arguments.pulleys, neglected)
 
 
 def _run(
@@ -235,6 +246,17 @@ def _arguments() -> argparse.Namespace:
         action="store_true",
         help="only pre-tighten and load, on a target that never moves: no robot, no tracker",
     )
+    parser.add_argument(
+        "--pulleys",
+        type=float,
+        metavar="METRES",
+        help="let all cables leave swivelling pulleys of this radius",
+    )
+    parser.add_argument(
+        "--neglect-pulleys",
+        action="store_true",
+        help="with --pulleys: in the simulated rig alone, control believes in points",
+    )
     parser.add_argument("--linear", action="store_true", help="simulate the linear plant")
     parser.add_argument(
         "--plain",
@@ -246,7 +268,10 @@ def _arguments() -> argparse.Namespace:
         action="store_true",
         help="burn a millisecond in every cycle of the limb law: the demo must then fail",
     )
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.neglect_pulleys and options.pulleys is None:
+        raise UsageError("--neglect-pulleys: expected --pulleys METRES beside it, got none")
+    return options
 
 
 def _report(arguments: argparse.Namespace, bag: Path, timers: Timers, asked: bool) -> int:

@@ -1,0 +1,1 @@
+"""Self-calibration: the rig's true points, pulleys, stiffnesses and sensor from its own data."""

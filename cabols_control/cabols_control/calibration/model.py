@@ -1,0 +1,215 @@
+"""What the rig's sensors read at a pose, for all poses at once: lengths and wrenches.
+
+The same kinematics as `cable_kernels`, in numpy over arrays of poses, so that the derivatives by
+90 parameters cost milliseconds. A cable's length is its offset, what the motor has let out and the
+limb's elongation; tension is stiffness times elongation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cabols_control.checks import BoolArray, FloatArray, IntArray
+
+from .parameters import Layout
+
+STEP = 1e-4
+"""Step of the central differences, in standard deviations beforehand."""
+POSE_STEP = 1e-6
+"""Step of the differences by the pose [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """What was recorded, one row a stop of the platform.
+
+    Attributes:
+        position: (k, 3) of the platform's origin, base frame [m].
+        rotation: (k, 3, 3) from platform to base axes.
+        let_out: (k, n) lengths that the motors have let out [m].
+        wrench: (k, 6) of the sensor about the platform's origin, platform axes [N, N m]; NaN where
+            the cables are only held tight (FREE_MOVING).
+        tension: tension of the cables that are only held tight [N].
+    """
+
+    position: FloatArray
+    rotation: FloatArray
+    let_out: FloatArray
+    wrench: FloatArray
+    tension: float
+
+    @property
+    def loaded(self) -> BoolArray:
+        """(k,) whether a row has a wrench."""
+        return np.asarray(np.isfinite(self.wrench).all(axis=1), dtype=np.bool_)
+
+    def chosen(self, rows: BoolArray | IntArray) -> Readings:
+        """Return some rows.
+
+        Args:
+            rows: indices or (k,) booleans.
+        """
+        return Readings(
+            self.position[rows],
+            self.rotation[rows],
+            self.let_out[rows],
+            self.wrench[rows],
+            self.tension,
+        )
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what is read.
+
+    Attributes:
+        length: of a let-out length [m].
+        position: of the pose, each coordinate [m].
+        rotation: each axis [rad].
+        force: of the sensor [N].
+        torque: [N m].
+    """
+
+    length: float = 1e-4
+    position: float = 20e-6
+    rotation: float = 140e-6
+    force: float = 0.05
+    torque: float = 0.005
+
+
+def courses(
+    layout: Layout, values: FloatArray, position: FloatArray, rotation: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lengths, directions and levers of the cables at many poses.
+
+    Args:
+        layout: of the parameters.
+        values: (p,) parameters.
+        position: (k, 3) [m].
+        rotation: (k, 3, 3).
+
+    Returns:
+        (k, n) lengths [m], (k, n, 3) unit vectors from the platform along the cables, (k, n, 3)
+        platform points from the platform's origin, base axes [m].
+    """
+    own = layout.parts(values)
+    lever = np.einsum("kab,nb->kna", rotation, own["platform"])
+    away = position[:, None] + lever - own["base"]
+    axis, radius = layout.axes, own["radius"]
+    height = np.einsum("kna,na->kn", away, axis)
+    beside = away - height[..., None] * axis
+    out = np.linalg.norm(beside, axis=2)
+    x = out - radius
+    square = x**2 + height**2
+    with np.errstate(invalid="ignore"):  # a point on a wheel: NaN from here on
+        straight = np.sqrt(square - radius**2)
+    cosine = (x * radius - height * straight) / square
+    sine = (height * radius + x * straight) / square
+    length = straight + radius * (np.pi - np.arctan2(sine, cosine))
+    direction = cosine[..., None] * axis - (sine / out)[..., None] * beside
+    return length, direction, lever
+
+
+def predicted(layout: Layout, values: FloatArray, readings: Readings) -> FloatArray:
+    """(k, n + 6) let-out lengths [m] of rows without a load, wrenches of rows with one; else 0.
+
+    Args:
+        layout: of the parameters.
+        values: (p,) parameters.
+        readings: poses, and the let-out lengths behind the wrenches.
+    """
+    own, n = layout.parts(values), layout.cables
+    length, direction, lever = courses(layout, values, readings.position, readings.rotation)
+    found = np.zeros((len(length), n + 6))
+    loaded = readings.loaded
+    free = length - own["offset"] - readings.tension / own["stiffness"]
+    found[~loaded, :n] = free[~loaded]
+    stretch = length - own["offset"] - readings.let_out
+    pull = (own["stiffness"] * stretch)[..., None] * direction
+    force, torque = pull.sum(axis=1), np.cross(lever, pull).sum(axis=1)
+    down = np.array([0.0, 0.0, -1.0])
+    arm = np.einsum("kab,b->ka", readings.rotation, own["moment"])
+    force, torque = force + own["weight"] * down, torque + np.cross(arm, down)
+    force, torque = (
+        np.einsum("kba,kb->ka", readings.rotation, vector) for vector in (force, torque)
+    )
+    turn = Rotation.from_rotvec(own["sensor_turn"]).as_matrix()
+    torque = torque - np.cross(own["sensor_shift"], force)
+    wrench = np.hstack([force @ turn.T, torque @ turn.T]) + own["bias"]
+    found[loaded, n:] = wrench[loaded]
+    return found
+
+
+def derivatives(layout: Layout, values: FloatArray, readings: Readings) -> FloatArray:
+    """(k, n + 6, p) derivatives of what is predicted, by parameters in standard deviations.
+
+    Args:
+        layout: of the parameters.
+        values: (p,) parameters.
+        readings: as for `predicted`.
+    """
+    found = np.zeros((len(readings.position), layout.cables + 6, values.size))
+    for index, spread in enumerate(layout.spread):
+        if spread > 0.0:
+            step = np.zeros(values.size)
+            step[index] = STEP * spread
+            after, before = (
+                predicted(layout, values + sign * step, readings) for sign in (1.0, -1.0)
+            )
+            found[:, :, index] = (after - before) / (2.0 * STEP)
+    return found
+
+
+def noise_covariances(
+    layout: Layout, values: FloatArray, readings: Readings, noise: Noise
+) -> FloatArray:
+    """(k, n + 6, n + 6) covariances of readings minus predictions; 1 where nothing is read.
+
+    What a pose is wrong by shows in all lengths of a row at once, and times the stiffness in the
+    wrench; what a length is wrong by shows in the wrench as well.
+
+    Args:
+        layout: of the parameters.
+        values: (p,) parameters.
+        readings: as for `predicted`.
+        noise: of what is read.
+    """
+    n, rows = layout.cables, len(readings.position)
+    loaded = readings.loaded
+    by_pose = np.zeros((rows, n + 6, 6))
+    for k in range(6):
+        move = np.zeros(6)
+        move[k] = POSE_STEP
+        sides = []
+        for sign in (1.0, -1.0):
+            turn = Rotation.from_rotvec(sign * move[3:]).as_matrix()
+            moved = Readings(
+                readings.position + sign * move[:3],
+                turn @ readings.rotation,
+                readings.let_out,
+                readings.wrench,
+                readings.tension,
+            )
+            sides.append(predicted(layout, values, moved))
+        by_pose[:, :, k] = (sides[0] - sides[1]) / (2.0 * POSE_STEP)
+    own = layout.parts(values)
+    _, direction, lever = courses(layout, values, readings.position, readings.rotation)
+    columns = np.concatenate([direction, np.cross(lever, direction)], axis=2)
+    turned = np.concatenate(
+        [np.einsum("kba,knb->kna", readings.rotation, part) for part in np.split(columns, 2, 2)],
+        axis=2,
+    )
+    by_length = np.swapaxes(own["stiffness"][:, None] * turned, 1, 2)
+    pose = np.repeat([noise.position, noise.rotation], 3)
+    scaled = by_pose * pose
+    found = scaled @ np.swapaxes(scaled, 1, 2)
+    own_noise = np.repeat([noise.force, noise.torque], 3) ** 2
+    lengths = noise.length**2 * by_length @ np.swapaxes(by_length, 1, 2)
+    found[loaded, n:, n:] += lengths[loaded] + np.diag(own_noise)
+    found[~loaded, :n, :n] += noise.length**2 * np.eye(n)
+    found[loaded, :n, :n] = np.eye(n)
+    found[~loaded, n:, n:] = np.eye(6)
+    return np.asarray(found, dtype=np.float64)
