@@ -136,7 +136,10 @@ class Argument:
             raise ConfigError(
                 f"{self.name}: expected one of {', '.join(self.choices)}, got {value!r}"
             )
-        if self.bounds is not None and not self.bounds[0] <= value <= self.bounds[1]:
+        numbers = value if isinstance(value, list) else [value]
+        if self.bounds is not None and not all(
+            self.bounds[0] <= number <= self.bounds[1] for number in numbers
+        ):
             low, high = self.bounds
             unit = f" {self.unit}" if self.unit else ""
             raise ConfigError(f"{self.name}: expected {low:g} to {high:g}{unit}, got {value!r}")
