@@ -16,7 +16,7 @@ from cabols_control.bringup.graph import all_nodes
 from cabols_control.bringup.specs import NodeSpec
 from cabols_control.command_line import DONE, CommandParser, command
 from cabols_control.services import SERVICES
-from cabols_control.topics import LIVE, NAMESPACE, TOPICS
+from cabols_control.topics import FOREIGN, LIVE, NAMESPACE, TOPICS
 
 TEXT = """Write the SROS2 policy of the graph.
 
@@ -40,12 +40,16 @@ BESIDE_READ = {
         *("reflector_measurement", "stiffness_estimate"),
     ),
     "supervisor": ("operator_heartbeat",),
+    "recorder": tuple(FOREIGN),
 }
 """What nodes read beside the graph's rows, for which no clock and no loop waits."""
 BESIDE_PUBLISHED = {
     "recorder": ("recording",),
     "frames": ("/tf", "/tf_static", "robot_description"),
 }
+ASKS_PARAMETERS = ("recorder",)
+"""Nodes that write into a bag what the others run with."""
+ASKED = ("list_parameters", "get_parameters")
 STOPS = ("stop", "stop_received")
 """Whoever moves anything hears stops and acknowledges them; whoever presses one sends them."""
 
@@ -79,6 +83,9 @@ class Allowance:
         self.reply = {f"{name}/{service}" for service in PARAMETERS}
         self.reply |= {s.name for s in SERVICES if name in s.servers and not s.action}
         self.request = {s.name for s in SERVICES if name in s.clients and not s.action}
+        if name in ASKS_PARAMETERS:
+            others = [other.executable for other in all_nodes() if other.joins]
+            self.request |= {f"{other}/{what}" for other in others for what in ASKED}
         self.execute = {s.name for s in SERVICES if name in s.servers and s.action}
         self.call = {s.name for s in SERVICES if name in s.clients and s.action}
 
