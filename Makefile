@@ -30,6 +30,9 @@ commission: setup  ## commission the simulated rig's limbs and leave models and 
 workspace: setup  ## map the workspace: table, meshes and figures in build/workspace
 	@.venv/lib/cabols_control/workspace map $(ARGS)
 
+workspace-robots: setup  ## map six robots of one file each into build/robots, beside linear programmes; resumes
+	@$(BIN)/python tests/bench/check_robots.py $(ARGS)
+
 design-geometry: setup  ## optimise the attachment points into build/design, check them by other means
 	@.venv/lib/cabols_control/workspace design $(ARGS)
 	@$(BIN)/python tests/bench/check_design.py build/design/geometry.yaml

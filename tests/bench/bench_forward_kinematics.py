@@ -104,18 +104,18 @@ def search_robot(name, count):
 
 
 @njit
-def warm_loop(task, lengths, positions, rotations, kind, work, covariance, residual):
+def warm_loop(cables, task, lengths, positions, rotations, kind, work, covariance, residual):
     """Find each pose from a start beside it: kind 0 the pose alone, 1 with proof and covariance."""
     good = 0
     for k in range(lengths.shape[0]):
         work.position[:] = positions[k]
         work.rotation[:, :] = rotations[k]
         if kind == 0:
-            good += iterate(task, lengths[k], work) > 0
+            good += iterate(cables, task, lengths[k], work) > 0
         else:
             task.centre[:] = positions[k]
             task.rotation[:, :] = rotations[k]
-            good += locate(task, lengths[k], 100, work, covariance, residual) == 0
+            good += locate(cables, task, lengths[k], 100, work, covariance, residual) == 0
     return good
 
 
@@ -133,13 +133,23 @@ def time_warm(name):
     turned = np.ascontiguousarray(turns @ rotations)
     near = PoseRegion(region.position, region.rotation, np.full(3, 6e-3), 0.018)
     finder = PoseFinder(rig, std, near)
-    work, covariance, residual = finder._work, np.zeros((6, 6)), np.zeros(rig.cables)
+    work, covariance, residual = finder.work, np.zeros((6, 6)), np.zeros(rig.cables)
     best = {0: np.inf, 1: np.inf, "scipy": np.inf}
     known = 0
     for _ in range(ROUNDS):
         for kind in (0, 1):
             begin = time.perf_counter_ns()
-            good = warm_loop(finder.task, lengths, starts, turned, kind, work, covariance, residual)
+            good = warm_loop(
+                finder.cables,
+                finder.task,
+                lengths,
+                starts,
+                turned,
+                kind,
+                work,
+                covariance,
+                residual,
+            )
             best[kind] = min(best[kind], (time.perf_counter_ns() - begin) / WARM_CALLS)
             known = good if kind else known
         begin = time.perf_counter_ns()

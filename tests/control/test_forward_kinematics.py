@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -124,6 +126,19 @@ def test_mirror_image_is_told_and_never_known():
         found = PoseFinder(rig, 1e-4, below).find(lengths)
         assert found.state is PoseState.KNOWN
         assert np.abs(deviation(found, position, rotation)).max() < 1e-7
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.05])
+def test_cables_over_pulleys(radius):
+    rig, rng = load_geometry(), np.random.default_rng(6)
+    rig = replace(rig, pulley_radius=np.full(8, radius))
+    region = region_of(rig)
+    finder = PoseFinder(rig, 1e-5, region)
+    for _ in range(20):
+        position, rotation = random_pose(rng, region)
+        found = finder.find(cable_lengths(rig, position, rotation))
+        assert found.state is PoseState.KNOWN
+        assert np.abs(deviation(found, position, rotation)).max() < 1e-8
 
 
 def test_slipped_cable_leaves_no_pose():

@@ -8,12 +8,11 @@ so a step solves (A Q A^T) step = -A Q (given - computed lengths) with Q the inv
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
 from cabols_control.checks import FloatArray
 from cabols_control.tension.kernels.static_size import compiled
-
-from .task import PoseTask, PoseWork
 
 MOST_STEPS = 40
 SMALL_STEP = 1e-5
@@ -24,7 +23,15 @@ SINGULAR = 1e-13
 
 @compiled
 def turned(rotation: FloatArray, x: float, y: float, z: float, out: FloatArray) -> None:
-    """Write exp(vector) rotation into out (3, 3), which is not rotation; Rodrigues."""
+    """Write exp(vector) rotation into out; Rodrigues.
+
+    Args:
+        rotation: (3, 3).
+        x: of the rotation vector [rad].
+        y: likewise.
+        z: likewise.
+        out: (3, 3), another array than rotation; filled.
+    """
     angle2 = x * x + y * y + z * z
     if angle2 > 1e-12:
         angle = math.sqrt(angle2)
@@ -42,19 +49,31 @@ def turned(rotation: FloatArray, x: float, y: float, z: float, out: FloatArray) 
 
 @compiled
 def look(
-    task: PoseTask,
+    cables: Any,
+    task: Any,
     lengths: FloatArray,
     position: FloatArray,
     rotation: FloatArray,
-    matrix: FloatArray,
-    residual: FloatArray,
+    work: Any,
 ) -> float:
-    """Fill structure matrix (6, n) and residual (n,) of a pose; weighted sum of its squares."""
-    cables, information = task.cables, task.information
+    """Fill structure matrix and residual of a pose.
+
+    Args:
+        cables: (n,) records of CABLE.
+        task: record of POSE_TASK.
+        lengths: (n,) given [m].
+        position: (3,) base frame [m].
+        rotation: (3, 3) from platform to base axes.
+        work: record of POSE_WORK.
+
+    Returns:
+        Weighted sum of the squared residuals; NaN where a cable has no length.
+    """
+    matrix, residual, information = work.matrix, work.residual, task.information
     structure_matrix_into(cables, position, rotation, matrix)
     cable_lengths_into(cables, position, rotation, residual)
     cost = 0.0
-    for i in range(lengths.shape[0]):
+    for i in range(task.cables):
         # A cable without length has no direction: NaN, which fails.
         error = lengths[i] - residual[i] + 0.0 * matrix[0, i]
         residual[i] = error
@@ -63,24 +82,28 @@ def look(
 
 
 @compiled
-def factor(task: PoseTask, work: PoseWork, damping: float) -> bool:
+def factor(task: Any, work: Any, damping: float) -> bool:
     """Cholesky factor of A Q A^T, its diagonal times 1 + damping, into `normal`'s lower half.
 
-    Its diagonal holds the inverse of the factor's. False where a direction is not seen.
+    Args:
+        task: record of POSE_TASK.
+        work: record of POSE_WORK; on the factor's diagonal stand the inverses.
+        damping: share by which the diagonal grows.
+
+    Returns:
+        False where a direction is not seen.
     """
-    directions, information, normal, matrix = (
+    directions, information, matrix, normal = (
         task.directions,
         task.information,
-        work.normal,
         work.matrix,
+        work.normal,
     )
-    m, n = directions.shape[0], information.shape[0]
-    for a in range(m):
+    for a in range(task.freedom):
         row_a = directions[a]
         for b in range(a + 1):
-            row_b = directions[b]
-            value = 0.0
-            for i in range(n):
+            row_b, value = directions[b], 0.0
+            for i in range(task.cables):
                 value += matrix[row_a, i] * information[i] * matrix[row_b, i]
             if a == b:
                 value *= 1.0 + damping
@@ -97,9 +120,14 @@ def factor(task: PoseTask, work: PoseWork, damping: float) -> bool:
 
 
 @compiled
-def solve_factored(normal: FloatArray, vector: FloatArray) -> None:
-    """Solve in place with the factor that `factor` left: vector (m,)."""
-    m = vector.shape[0]
+def solve_factored(m: int, normal: FloatArray, vector: FloatArray) -> None:
+    """Solve in place with the factor that `factor` left.
+
+    Args:
+        m: size.
+        normal: (m, m) or larger, factor.
+        vector: (m,) or longer, right side, then solution.
+    """
     for a in range(m):
         value = vector[a]
         for k in range(a):
@@ -113,8 +141,8 @@ def solve_factored(normal: FloatArray, vector: FloatArray) -> None:
 
 
 @compiled
-def _propose(task: PoseTask, work: PoseWork) -> float:
-    """Step from the factor into `step` and the pose there into `trial`; its size, scaled [m]."""
+def _propose(task: Any, work: Any) -> float:
+    """Step from the factor, and the pose there as trial; the step's size, scaled [m]."""
     directions, information, matrix, residual, step, move = (
         task.directions,
         task.information,
@@ -123,44 +151,58 @@ def _propose(task: PoseTask, work: PoseWork) -> float:
         work.step,
         work.move,
     )
-    for a in range(directions.shape[0]):
+    m = task.freedom
+    for a in range(m):
         value, row = 0.0, directions[a]
-        for i in range(information.shape[0]):
+        for i in range(task.cables):
             value -= matrix[row, i] * information[i] * residual[i]
         step[a] = value
-    solve_factored(work.normal, step)
-    move[:] = 0.0
-    for a in range(directions.shape[0]):
+    solve_factored(m, work.normal, step)
+    for k in range(6):
+        move[k] = 0.0
+    for a in range(m):
         move[directions[a]] = step[a]
     turn2 = move[3] * move[3] + move[4] * move[4] + move[5] * move[5]
     if turn2 > 1.0:
-        move[3:] /= math.sqrt(turn2)
-        turn2 = 1.0
-    shift2 = 0.0
+        shorter = 1.0 / math.sqrt(turn2)
+        move[3], move[4], move[5], turn2 = (
+            move[3] * shorter,
+            move[4] * shorter,
+            move[5] * shorter,
+            1.0,
+        )
+    shift2, position, trial = 0.0, work.position, work.trial_position
     for k in range(3):
-        work.trial_position[k] = work.position[k] + move[k]
+        trial[k] = position[k] + move[k]
         shift2 += move[k] * move[k]
     turned(work.rotation, move[3], move[4], move[5], work.trial_rotation)
     return math.sqrt(shift2 + task.scale * task.scale * turn2)
 
 
 @compiled
-def _accept(work: PoseWork) -> None:
-    """Make the trial the pose."""
-    position, rotation = work.position, work.rotation
-    other, turn = work.trial_position, work.trial_rotation
+def copy_pose(
+    position: FloatArray, rotation: FloatArray, to_position: FloatArray, to_rotation: FloatArray
+) -> None:
+    """Copy a pose.
+
+    Args:
+        position: (3,).
+        rotation: (3, 3).
+        to_position: (3,), filled.
+        to_rotation: (3, 3), filled.
+    """
     for k in range(3):
-        position[k] = other[k]
+        to_position[k] = position[k]
         for j in range(3):
-            rotation[k, j] = turn[k, j]
+            to_rotation[k, j] = rotation[k, j]
 
 
 @compiled
-def _take(work: PoseWork) -> None:
+def _take(task: Any, work: Any) -> None:
     """Make the trial, a tiny step away, the pose; the residual moves with it."""
-    _accept(work)
+    copy_pose(work.trial_position, work.trial_rotation, work.position, work.rotation)
     residual, matrix, move = work.residual, work.matrix, work.move
-    for i in range(residual.shape[0]):
+    for i in range(task.cables):
         value = residual[i]
         for k in range(6):
             value += matrix[k, i] * move[k]
@@ -168,57 +210,62 @@ def _take(work: PoseWork) -> None:
 
 
 @compiled
-def iterate(task: PoseTask, lengths: FloatArray, work: PoseWork) -> int:
+def iterate(cables: Any, task: Any, lengths: FloatArray, work: Any) -> int:
     """Improve the pose in `work` until its steps are small.
 
     Args:
-        task: what is asked.
-        lengths: (n,) of the cables, between their points [m].
-        work: `position` and `rotation`: start, then the answer; residual, matrix and the factor in
-            `normal` are those of the pose before the last, tiny step, the residual moved with it.
+        cables: (n,) records of CABLE.
+        task: record of POSE_TASK.
+        lengths: (n,) given [m].
+        work: record of POSE_WORK; `position` and `rotation`: start, then the answer. Matrix and
+            factor are those of the pose before the last, tiny step, which moved the residual.
 
     Returns:
         Number of steps; 0 where it did not converge.
     """
-    damping = 0.0
-    cost = look(task, lengths, work.position, work.rotation, work.matrix, work.residual)
+    damping, smallest = 0.0, SMALL_STEP * task.scale
+    cost = look(cables, task, lengths, work.position, work.rotation, work)
     for count in range(1, MOST_STEPS + 1):
-        if not cost < math.inf or not factor(task, work, damping):
+        if not cost < math.inf:
+            return 0
+        if not factor(task, work, damping):
             damping = max(10.0 * damping, 1e-6)
-            if not cost < math.inf or damping > 1e8:
+            if damping > 1e8:
                 return 0
             continue
         size = _propose(task, work)
-        if size < SMALL_STEP * task.scale and damping < 1e-3:
-            _take(work)
+        if size < smallest and damping < 1e-3:
+            _take(task, work)
             if damping > 0.0 and not factor(task, work, 0.0):
                 return 0
             return count
-        found = look(
-            task, lengths, work.trial_position, work.trial_rotation, work.matrix, work.residual
-        )
-        if found < cost or size < SMALL_STEP * task.scale:
+        found = look(cables, task, lengths, work.trial_position, work.trial_rotation, work)
+        if found < cost or size < smallest:
             cost, damping = found, 0.1 * damping if damping > 1e-7 else 0.0
-            _accept(work)
+            copy_pose(work.trial_position, work.trial_rotation, work.position, work.rotation)
         else:
             damping = max(10.0 * damping, 1e-4)
             if damping > 1e8:
                 return 0
-            look(task, lengths, work.position, work.rotation, work.matrix, work.residual)
+            look(cables, task, lengths, work.position, work.rotation, work)
     return 0
 
 
 @compiled
-def invert(task: PoseTask, work: PoseWork) -> None:
-    """Fill `inverse` (m, n): change of the pose for changes of the lengths, from the factor."""
+def invert(task: Any, work: Any) -> None:
+    """Fill `inverse`: change of the pose for changes of the lengths, from the factor.
+
+    Args:
+        task: record of POSE_TASK.
+        work: record of POSE_WORK.
+    """
     directions, information, matrix = task.directions, task.information, work.matrix
     normal, inverse = work.normal, work.inverse
-    m, n = directions.shape[0], information.shape[0]
+    m, n = task.freedom, task.cables
     for a in range(m):
         row = directions[a]
         for i in range(n):
             inverse[a, i] = -matrix[row, i] * information[i]
-    for a in range(m):
         for k in range(a):
             share = normal[a, k]
             for i in range(n):
@@ -235,17 +282,22 @@ def invert(task: PoseTask, work: PoseWork) -> None:
 
 
 @compiled
-def covariance_into(task: PoseTask, work: PoseWork, covariance: FloatArray) -> None:
-    """Fill the covariance (6, 6) from the factor: position [m], rotation vector [rad], base axes.
+def covariance_into(task: Any, work: Any, covariance: FloatArray) -> None:
+    """Fill the covariance of the pose from the factor; zero along what cannot move.
 
-    Zero along what the platform cannot move.
+    Args:
+        task: record of POSE_TASK.
+        work: record of POSE_WORK.
+        covariance: (6, 6) of position [m] and rotation vector [rad], base axes; filled.
     """
     directions, step, normal = task.directions, work.step, work.normal
-    m = directions.shape[0]
-    covariance[:, :] = 0.0
+    m = task.freedom
+    for a in range(6):
+        for b in range(6):
+            covariance[a, b] = 0.0
     for a in range(m):
         for b in range(m):
             step[b] = 1.0 if a == b else 0.0
-        solve_factored(normal, step)
+        solve_factored(m, normal, step)
         for b in range(m):
             covariance[directions[a], directions[b]] = step[b]

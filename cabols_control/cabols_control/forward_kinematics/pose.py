@@ -15,13 +15,13 @@ from cabols_control.errors import OutOfRangeError
 from cabols_control.geometry import RigGeometry
 
 from . import search
-from .task import PoseTask, pose_work
+from .task import MOST_CABLES, pose_task, pose_work
 
 MISSED = 1e-9
 """Probability of an error of the lengths beyond what counts as noise."""
 BOXES_LOOKED_AT = 20_000
 """About 60 ms at most."""
-LARGEST_STD_M = 1.0
+LEAST_STD_M, LARGEST_STD_M = 1e-12, 1.0
 
 
 class PoseState(IntEnum):
@@ -91,48 +91,38 @@ class PoseFinder:
     """Finds poses of one robot from lengths, in compiled code; one for each thread.
 
     Attributes:
-        task: arguments of the compiled `search.locate`, for loops of one's own.
+        cables: (n,) records of CABLE.
+        task: record of POSE_TASK, for the compiled `search.locate` in loops of one's own.
+        work: record of POSE_WORK, its scratch.
     """
 
-    def __init__(
-        self,
-        geometry: RigGeometry,
-        length_std: ArrayLike,
-        region: PoseRegion,
-    ) -> None:
+    def __init__(self, geometry: RigGeometry, length_std: ArrayLike, region: PoseRegion) -> None:
         """Prepare a robot.
 
         Args:
-            geometry: attachment points of n cables.
+            geometry: of n cables.
             length_std: standard deviation of the lengths' errors, one or (n,) [m].
             region: where the platform may be.
 
         Raises:
             ShapeError: if an argument has another shape or is not finite.
-            OutOfRangeError: if a standard deviation is not above zero.
+            OutOfRangeError: if a standard deviation is not above zero, or there are more cables
+                than the records have room for.
         """
-        n, motion = geometry.cables, geometry.motion
+        n, directions = geometry.cables, geometry.motion.directions
+        in_range("cables", n, geometry.motion.freedom, MOST_CABLES)
         std = finite_array("length_std", np.broadcast_to(length_std, (n,)), (n,))
         for value in std:
-            in_range("length_std", value, 1e-12, LARGEST_STD_M)
-        bound = float(np.sqrt(chi2.isf(MISSED, n)))
+            in_range("length_std", value, LEAST_STD_M, LARGEST_STD_M)
         arms = _arms(geometry)
-        used = np.zeros(6)
-        used[motion.directions] = 1.0
-        self._used = used
-        self.task = PoseTask(
-            cables=geometry.records(),
-            directions=motion.directions,
-            information=std**-2.0,
-            tolerance=bound * std,
-            bound=bound,
-            arms=arms,
-            scale=float(max(arms.mean(), 1e-3 * np.ptp(geometry.base_points, axis=0).max())),
-            centre=np.zeros(3),
-            rotation=np.eye(3),
-            half_widths=np.zeros(6),
-        )
-        self._work = pose_work(n, motion.freedom)
+        self.cables, self.work, self.task = geometry.records(), pose_work(), pose_task()
+        task = self.task
+        task["cables"], task["freedom"] = n, directions.size
+        task["directions"][: directions.size] = directions
+        task["bound"] = np.sqrt(chi2.isf(MISSED, n))
+        task["information"][:n], task["variance"][:n] = std**-2.0, std**2.0
+        task["tolerance"][:n], task["arms"][:n] = task["bound"] * std, arms
+        task["scale"] = max(arms.mean(), 1e-3 * np.ptp(geometry.base_points, axis=0).max())
         self.look_in(region)
 
     def look_in(self, region: PoseRegion) -> None:
@@ -141,17 +131,16 @@ class PoseFinder:
         Args:
             region: where the platform may be. What it cannot move along stays as in the middle.
         """
-        self.task.centre[:] = region.position
-        self.task.rotation[:, :] = region.rotation
-        self.task.half_widths[:3] = region.half_widths
-        self.task.half_widths[3:] = region.largest_turn
-        self.task.half_widths[:] *= self._used
+        task = self.task
+        moves = np.isin(np.arange(6), task["directions"][: task["freedom"]])
+        task["centre"][:], task["rotation"][:] = region.position, region.rotation
+        task["half_widths"][:] = moves * np.r_[region.half_widths, [region.largest_turn] * 3]
 
     def find(self, lengths: ArrayLike, boxes: int = BOXES_LOOKED_AT) -> FoundPose:
         """Find the pose whose cables have these lengths.
 
         Args:
-            lengths: (n,) between the cables' points [m].
+            lengths: (n,) of the cables, as `cable_lengths` gives them, with arcs on pulleys [m].
             boxes: effort: largest number of parts of the region to look at.
 
         Returns:
@@ -160,15 +149,17 @@ class PoseFinder:
         Raises:
             ShapeError: if the lengths are not (n,) finite numbers.
         """
-        n = self.task.arms.size
+        n, task, work = self.cables.size, self.task, self.work
         given = finite_array("lengths", lengths, (n,))
-        work, covariance, residual = self._work, np.zeros((6, 6)), np.zeros(n)
-        work.position[:], work.rotation[:, :] = self.task.centre, self.task.rotation
-        state = PoseState(search.locate(self.task, given, boxes, work, covariance, residual))
+        covariance, residual = np.zeros((6, 6)), np.zeros(n)
+        work["position"][:], work["rotation"][:] = task["centre"], task["rotation"]
+        found = search.locate(self.cables, task, given, boxes, work, covariance, residual)
+        state = PoseState(found)
         if state in (PoseState.NOT_FOUND, PoseState.NO_POSE):
             none = np.full((3, 3), np.nan)
             return FoundPose(state, none[0], none, np.full((6, 6), np.nan), residual)
-        return FoundPose(state, work.position.copy(), work.rotation.copy(), covariance, residual)
+        place, turn = work["position"].copy(), work["rotation"].copy()
+        return FoundPose(state, place, turn, covariance, residual)
 
 
 def _arms(geometry: RigGeometry) -> FloatArray:

@@ -1,96 +1,63 @@
-"""What a forward kinematics is asked for: cables, freedom, noise, and where the platform may be."""
+"""What a forward kinematics is asked for, and its scratch: records, passed by address."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from cabols_control.checks import FloatArray, IntArray
-
-
-class PoseTask(NamedTuple):
-    """Arguments of the compiled forward kinematics, checked.
-
-    Attributes:
-        cables: (n,) records of CABLE.
-        directions: (m,) rows of the structure matrix along which the platform can move: 0 to 2
-            along x, y, z, 3 to 5 about them (base axes).
-        information: (n,) inverse variances of the lengths [1/m^2].
-        tolerance: (n,) largest error of a length that its noise explains [m].
-        bound: largest root of the sum of squared errors, in standard deviations, that it explains.
-        arms: (n,) distance of a platform point from the axis or point it turns about [m].
-        scale: length at which an angle counts as a distance [m].
-        centre: (3,) of the region where the platform may be, base frame [m].
-        rotation: (3, 3) from platform to base axes in the region's middle.
-        half_widths: (6,) of the region: three of position [m]; then, three times, the largest
-            turn from `rotation` about any axis [rad]. Zero along what the platform cannot move.
-    """
-
-    cables: Any
-    directions: IntArray
-    information: FloatArray
-    tolerance: FloatArray
-    bound: float
-    arms: FloatArray
-    scale: float
-    centre: FloatArray
-    rotation: FloatArray
-    half_widths: FloatArray
-
-
-class PoseWork(NamedTuple):
-    """Arrays that the kernels fill; one set for each thread.
-
-    Attributes:
-        position: (3,) answer [m].
-        rotation: (3, 3) answer.
-        residual: (n,) given less computed lengths [m].
-        matrix: (6, n) structure matrix there.
-        normal: (m, m) inverse of the normal matrix: the answer's covariance.
-        step: (m,) of the last iteration [m, rad].
-        move: (6,) the same, zero along what the platform cannot move.
-        trial_position: (3,) scratch.
-        trial_rotation: (3, 3) scratch.
-        inverse: (m, n) from changes of lengths to changes of pose.
-        near_position: (3,) scratch of the search.
-        near_rotation: (3, 3) scratch of the search.
-        boxes: (BOXES, 12) scratch of the search: centres, half widths.
-    """
-
-    position: FloatArray
-    rotation: FloatArray
-    residual: FloatArray
-    matrix: FloatArray
-    normal: FloatArray
-    step: FloatArray
-    move: FloatArray
-    trial_position: FloatArray
-    trial_rotation: FloatArray
-    inverse: FloatArray
-    near_position: FloatArray
-    near_rotation: FloatArray
-    boxes: FloatArray
-
-
+MOST_CABLES = 16
+"""Room of the records."""
 BOXES = 400
 """Depth of the search's stack: each split adds one, and halves a side."""
+_N = MOST_CABLES
+
+POSE_TASK = np.dtype(
+    [
+        ("cables", np.int64),  # number n
+        ("freedom", np.int64),  # number m of directions
+        ("directions", np.int64, (6,)),  # rows of the structure matrix that count: see Motion
+        ("information", np.float64, (_N,)),  # inverse variances of the lengths [1/m^2]
+        ("variance", np.float64, (_N,)),  # of the lengths [m^2]
+        ("tolerance", np.float64, (_N,)),  # largest error of a length that is noise [m]
+        ("arms", np.float64, (_N,)),  # platform points from what they turn about [m]
+        ("bound", np.float64),  # largest root of summed squared errors, in deviations, of noise
+        ("scale", np.float64),  # length at which an angle counts as a distance [m]
+        ("centre", np.float64, (3,)),  # of the region where the platform may be, base frame [m]
+        ("rotation", np.float64, (3, 3)),  # from platform to base axes in its middle
+        ("half_widths", np.float64, (6,)),  # of it [m]; then three times the largest turn [rad]
+    ],
+    align=True,
+)
+"""What is asked. Half widths are zero along what the platform cannot move."""
+
+POSE_WORK = np.dtype(
+    [
+        ("position", np.float64, (3,)),  # start, then answer [m]
+        ("rotation", np.float64, (3, 3)),  # likewise
+        ("residual", np.float64, (_N,)),  # given less computed lengths [m]
+        ("clear", np.float64, (_N,)),  # how far a platform point is from where its cable leaves [m]
+        ("matrix", np.float64, (6, _N)),  # structure matrix
+        ("normal", np.float64, (6, 6)),  # factor of the normal matrix
+        ("inverse", np.float64, (6, _N)),  # from changes of lengths to changes of pose
+        ("step", np.float64, (6,)),  # of the last iteration, along `directions`
+        ("move", np.float64, (6,)),  # the same, along all six [m, rad]
+        ("trial_position", np.float64, (3,)),
+        ("trial_rotation", np.float64, (3, 3)),
+        ("near_position", np.float64, (3,)),  # of the pose that was found first
+        ("near_rotation", np.float64, (3, 3)),
+        ("boxes", np.float64, (BOXES, 12)),  # stack of the search: centres, half widths
+    ],
+    align=True,
+)
+"""Scratch of the kernels; one for each thread."""
 
 
-def pose_work(cables: int, freedom: int) -> PoseWork:
-    """Return scratch for so many cables, and so many directions of motion."""
-    return PoseWork(
-        position=np.zeros(3),
-        rotation=np.eye(3),
-        residual=np.zeros(cables),
-        matrix=np.zeros((6, cables)),
-        normal=np.zeros((freedom, freedom)),
-        step=np.zeros(freedom),
-        move=np.zeros(6),
-        trial_position=np.zeros(3),
-        trial_rotation=np.eye(3),
-        inverse=np.zeros((freedom, cables)),
-        near_position=np.zeros(3),
-        near_rotation=np.eye(3),
-        boxes=np.zeros((BOXES, 12)),
-    )
+def pose_work() -> Any:
+    """Return a record of POSE_WORK."""
+    return np.zeros((), POSE_WORK)[()]
+
+
+def pose_task() -> Any:
+    """Return a record of POSE_TASK, to be filled."""
+    return np.zeros((), POSE_TASK)[()]

@@ -21,7 +21,12 @@ from .hyperplanes import capacity_at, capacity_of_matrix
 
 @compiled
 def to_platform_axes(matrix: FloatArray, rotation: FloatArray) -> None:
-    """Turn the columns of a structure matrix (6, n) from base to platform axes, in place."""
+    """Turn the columns of a structure matrix from base to platform axes, in place.
+
+    Args:
+        matrix: (6, n), changed.
+        rotation: (3, 3) from platform to base axes.
+    """
     for i in range(matrix.shape[1]):
         for part in range(2):
             x, y, z = matrix[3 * part, i], matrix[3 * part + 1, i], matrix[3 * part + 2, i]

@@ -32,6 +32,7 @@ from cabols_control.workspace.wrench_set import WrenchSet, wrench_box, wrench_po
 
 from . import figures, files
 from .design_command import COARSE, Choices, add_design, run_design
+from .exchange_command import add_export, add_import, run_export, run_import
 from .workers import LOCAL, workers
 
 TURN_POINTS = 13
@@ -358,6 +359,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     worker_options(design)
     add_design(design)
     design.set_defaults(run=_design)
+    taken = commands.add_parser("import", help="a robot file from files of CASPR or cdpyr")
+    add_import(taken)
+    taken.set_defaults(run=run_import)
+    given = commands.add_parser("export", help="a robot in the format of CASPR or cdpyr")
+    rig_options(given)
+    add_export(given)
+    given.set_defaults(run=lambda options: run_export(options, _robot(options)))
     options = parser.parse_args(arguments)
     options.run(options)
     return DONE

@@ -1,0 +1,158 @@
+"""Subcommands `workspace import` and `workspace export`: robot files of CASPR and cdpyr."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cabols_control.errors import CabolsError
+from cabols_control.geometry import RigGeometry
+from cabols_control.motion import Motion, motion_of
+from cabols_control.output_folder import output_folder
+from cabols_control.workspace.formats.caspr import read_caspr, write_caspr
+from cabols_control.workspace.formats.cdpyr import read_cdpyr, write_cdpyr
+from cabols_control.workspace.formats.exchanged import ExchangedRobot
+from cabols_control.workspace.robot import GRAVITY_M_S2, Robot, load_robot
+
+from . import files
+
+WRITERS = {"caspr": write_caspr, "cdpyr": write_cdpyr}
+
+
+def add_import(parser: argparse.ArgumentParser) -> None:
+    """Options of `workspace import`.
+
+    Args:
+        parser: of the subcommand.
+    """
+    parser.add_argument(
+        "files",
+        nargs="+",
+        type=Path,
+        help="CASPR: NAME_bodies.xml NAME_cables.xml; cdpyr: one .json or .yaml",
+    )
+    parser.add_argument("--cable-set", default="", help="of CASPR's file (default: its own)")
+    parser.add_argument("--output", type=Path, default=Path("robot.yaml"), help="robot file")
+
+
+def add_export(parser: argparse.ArgumentParser) -> None:
+    """Options of `workspace export` beside those of a rig.
+
+    Args:
+        parser: of the subcommand.
+    """
+    parser.add_argument("--format", choices=sorted(WRITERS), required=True)
+    parser.add_argument("--name", default="robot", help="of the files")
+
+
+def run_import(options: argparse.Namespace) -> None:
+    """Read another program's files, write a robot file.
+
+    Args:
+        options: of the command.
+
+    Raises:
+        CabolsError: naming file and place, if the files are not a robot that is read.
+    """
+    given = list(options.files)
+    if all(path.suffix == ".xml" for path in given):
+        if len(given) != 2:
+            raise CabolsError(f"files: expected two of CASPR, bodies and cables, got {len(given)}")
+        if "cables" in given[0].name and "bodies" in given[1].name:
+            given.reverse()
+        found = read_caspr(given[0], given[1], options.cable_set)
+    elif len(given) == 1:
+        found = read_cdpyr(given[0])
+    else:
+        raise CabolsError(f"files: expected one of cdpyr, or two of CASPR, got {len(given)}")
+    write_robot(found, options.output, f"Imported from {', '.join(path.name for path in given)}.")
+    load_robot(geometry=options.output)
+    for note in found.notes:
+        print(f"note: {note}")
+    print(f"{len(found.base_points)} cables; the robot file is {options.output}")
+
+
+def write_robot(found: ExchangedRobot, path: Path, comment: str) -> None:
+    """Write an exchanged robot as a robot file.
+
+    Args:
+        found: the robot.
+        path: to write.
+        comment: above it.
+
+    Raises:
+        CabolsError: if the robot is degenerate.
+    """
+    pose = (np.asarray(found.position), np.asarray(found.rotation))
+    motion = found.motion or motion_of(found.base_points, found.platform_points, *pose)
+    geometry = RigGeometry(
+        found.base_points,
+        found.platform_points,
+        *pose,
+        pulley_radius=found.pulley_radius if found.pulley_radius.size else 0.0,
+        pulley_axes=found.pulley_axes,
+        motion=motion,
+    )
+    words: dict[str, Any] = {}
+    if found.tension_min is not None and found.tension_max is not None:
+        words["tension_min"] = found.tension_min.tolist()
+        words["tension_max"] = found.tension_max.tolist()
+    if found.mass > 0.0:
+        words["mass"] = float(found.mass)
+        words["centre_of_mass"] = [float(value) for value in found.centre_of_mass]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    files.write_geometry(geometry, path, comment, words)
+
+
+def run_export(options: argparse.Namespace, robot: Robot) -> None:
+    """Write a robot in another program's format, and say what the format cannot hold.
+
+    Args:
+        options: of the command.
+        robot: to write.
+    """
+    found = exchanged_of(robot)
+    lost = ["characteristic_length"]
+    if robot.required is not None:
+        lost.append("required_wrench")
+    if robot.bodies is not None:
+        lost.append("bodies")
+    if np.isfinite(robot.geometry.cable_length_max):
+        lost.append("cable_length_max")
+    if options.format == "caspr" and robot.geometry.has_pulleys:
+        lost.append("pulley_radius")
+    if options.format == "cdpyr":
+        lost.append("tension_min")
+    with output_folder(options.output, "workspace", keep=True) as folder:
+        written = WRITERS[options.format](found, options.output, options.name)
+        folder.finish()
+    print(f"note: the format has no place for {', '.join(lost)}")
+    print(f"written: {', '.join(str(path) for path in written)}")
+
+
+def exchanged_of(robot: Robot) -> ExchangedRobot:
+    """Return what is exchanged of a robot.
+
+    Args:
+        robot: of a robot file or a rig.
+    """
+    geometry = robot.geometry
+    turn = Rotation.from_matrix(geometry.reference_rotation)
+    axes = geometry.pulley_axes
+    return ExchangedRobot(
+        position=np.array(geometry.reference_position),
+        rotation=np.asarray(turn.as_matrix()),
+        base_points=np.array(geometry.base_points),
+        platform_points=np.array(geometry.platform_points),
+        motion=Motion(geometry.motion),
+        tension_min=np.array(robot.tension_min),
+        tension_max=np.array(robot.tension_max),
+        mass=robot.platform.weight / GRAVITY_M_S2,
+        centre_of_mass=np.array(robot.platform.centre_of_mass),
+        pulley_radius=np.array(geometry.pulley_radius),
+        pulley_axes=None if axes is None else np.array(axes),
+    )
