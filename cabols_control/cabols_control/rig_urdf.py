@@ -23,6 +23,7 @@ from cabols_control.frames import RigFrames, load_frames
 from cabols_control.geometry import RigGeometry
 from cabols_control.naming import number
 from cabols_control.placement import Frame
+from cabols_control.plain_numbers import plain_number
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
 from cabols_control.serial_arm import read_serial_arm
@@ -200,7 +201,7 @@ def urdf_text(root: Element) -> str:
 
 def _three(text: str) -> list[float]:
     words = text.split(",")
-    return [float(x) for x in finite_array("numbers", [float(word) for word in words], (3,))]
+    return [float(x) for x in finite_array("numbers", [plain_number(word) for word in words], (3,))]
 
 
 @command

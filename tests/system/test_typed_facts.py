@@ -36,6 +36,10 @@ ALLOWED = {
     "cabols_control/bringup/argument_text.py read_argument": "value of a launch argument",
     "cabols_control/bringup/argument_text.py _expanded": "a path of a launch argument",
     "cabols_control/bringup/argument_text.py _find_program": "name of a programme",
+    "cabols_control/bringup/argument_text.py listed_topics": "names of topics, by commas",
+    "cabols_control/bringup/launching.py argument_values": "value of a launch argument",
+    "cabols_control/rig_urdf.py _three": "numbers of an option",
+    "cabols_control/topics.py foreign_row": "name and type of a topic",
     "cabols_control/command_line.py _rig": "value of the option --rig",
     "cabols_control/rig_folder.py find_rig": "name or folder of a rig",
     # A text is shown again only if it has changed; what it says is not looked at.
