@@ -19,7 +19,7 @@ from cabols_control.cable_kernels import (
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix, unit_rows
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, OutOfRangeError, ShapeError
-from cabols_control.motion import Motion, motion_of
+from cabols_control.motion import FLAT, Motion, motion_of
 from cabols_control.naming import cable_name
 from cabols_control.placement import Frame
 from cabols_control.rig_checks import check_geometry
@@ -108,6 +108,12 @@ class RigGeometry:
             axes[:, 2] = np.where(held[:, 2] <= self.base_points[:, 2], 1.0, -1.0)
         else:
             axes = unit_rows("pulley_axes", self.pulley_axes, n)
+        across = self.motion.across
+        if across is not None and not (np.abs(axes[radius > 0.0, across]) < FLAT).all():
+            raise ShapeError(
+                f"pulley_axes: expected axes in the plane of the motion {self.motion.value}, got "
+                "others, by which cables leave it; give them in geometry.yaml"
+            )
         set_field(self, "pulley_axes", axes)
         for array in (radius, axes):
             array.setflags(write=False)

@@ -19,8 +19,10 @@ from scipy.spatial.transform import Rotation
 from cabols_control.cable_kernels import departures_into
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError, ShapeError
+from cabols_control.forward_kinematics.pose import PoseFinder, PoseRegion
 from cabols_control.geometry import RigGeometry, load_geometry
 from cabols_control.kinematics import cable_lengths, direction_gradients, structure_matrix
+from cabols_control.motion import Motion
 from cabols_control.rig_folder import rig_file
 from cabols_control.tension import RigTensionResolver, distribute
 from cabols_control.workspace.bodies import load_bodies
@@ -245,6 +247,26 @@ def test_what_cannot_be_a_pulley_is_refused(tmp_path, change, match):
     file.write_text(yaml.safe_dump({**read_yaml(rig_file("geometry.yaml")), **change}))
     with pytest.raises(ConfigError, match=match):
         load_geometry(file)
+
+
+def test_planar_pulleys_swivel_in_their_plane():
+    """A planar robot's wheels stand in its plane; the default axes, along z, lead out of it."""
+    corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    points = (corners, 0.1 * corners, np.zeros(3), np.eye(3))
+    given = {"pulley_radius": 0.04, "motion": Motion.PLANAR_XY}
+    with pytest.raises(ShapeError, match=r"pulley_axes.*plane of the motion planar_xy"):
+        RigGeometry(*points, **given)
+    axes = np.array([[0.0, 1, 0], [0, 1, 0], [0, -1, 0], [0, -1, 0]])
+    matrix = structure_matrix(
+        RigGeometry(*points, **given, pulley_axes=axes), [0.1, 0, 0], np.eye(3)
+    )
+    assert np.abs(matrix[2:5]).max() < 1e-15
+
+
+def test_no_pose_is_certified_over_pulleys():
+    region = PoseRegion(BENCH.reference_position, np.eye(3), np.full(3, 0.1), 0.1)
+    with pytest.raises(ConfigError, match=r"forward kinematics.*pulleys"):
+        PoseFinder(replace(BENCH, pulley_radius=0.04), 1e-4, region)
 
 
 def test_pulleys_survive_the_round_trip(tmp_path):
