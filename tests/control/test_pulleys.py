@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 from cabols_control.cable_kernels import departures_into
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError, ShapeError
-from cabols_control.forward_kinematics.pose import PoseFinder, PoseRegion
 from cabols_control.geometry import RigGeometry, load_geometry
 from cabols_control.kinematics import cable_lengths, direction_gradients, structure_matrix
 from cabols_control.motion import Motion
@@ -261,12 +260,6 @@ def test_planar_pulleys_swivel_in_their_plane():
         RigGeometry(*points, **given, pulley_axes=axes), [0.1, 0, 0], np.eye(3)
     )
     assert np.abs(matrix[2:5]).max() < 1e-15
-
-
-def test_no_pose_is_certified_over_pulleys():
-    region = PoseRegion(BENCH.reference_position, np.eye(3), np.full(3, 0.1), 0.1)
-    with pytest.raises(ConfigError, match=r"forward kinematics.*pulleys"):
-        PoseFinder(replace(BENCH, pulley_radius=0.04), 1e-4, region)
 
 
 def test_pulleys_survive_the_round_trip(tmp_path):

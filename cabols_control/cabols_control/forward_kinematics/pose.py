@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
-from cabols_control.errors import ConfigError, OutOfRangeError
+from cabols_control.errors import OutOfRangeError
 from cabols_control.geometry import RigGeometry
 
 from . import search
@@ -108,14 +108,7 @@ class PoseFinder:
             ShapeError: if an argument has another shape or is not finite.
             OutOfRangeError: if a standard deviation is not above zero, or there are more cables
                 than the records have room for.
-            ConfigError: if cables leave pulleys: the bounds by which a pose is known to be the only
-                one are those of cables between points.
         """
-        if geometry.has_pulleys:
-            raise ConfigError(
-                "forward kinematics: expected cables between points, got pulleys, over which no "
-                "pose is certified; take the pose from robot or tracker"
-            )
         n, directions = geometry.cables, geometry.motion.directions
         in_range("cables", n, geometry.motion.freedom, MOST_CABLES)
         std = finite_array("length_std", np.broadcast_to(length_std, (n,)), (n,))
