@@ -94,6 +94,15 @@ def test_analysis_of_a_bag_finds_the_truth_and_says_where_it_is_from(bag, tmp_pa
     assert first.startswith("1,")
 
 
+def test_analysis_climbs_the_ladder_on_request(bag, tmp_path, capsys):
+    assert analyze([str(bag), "--output", str(tmp_path), "--model", "joints+base"]) == 0
+    assert "ladder of models" in capsys.readouterr().out
+    content = yaml.safe_load((tmp_path / "result.yaml").read_text("utf-8"))
+    assert [step["rung"] for step in content["ladder"]["steps"]] == ["joints", "base"]
+    assert "Ladder of models" in (tmp_path / "report.html").read_text("utf-8")
+    assert (tmp_path / "elastic.npz").exists()
+
+
 @pytest.mark.parametrize("topic", sorted(NEEDED))
 def test_missing_topic_is_named(bag, tmp_path, topic):
     broken = copy(bag, tmp_path / "bag", lambda *m: None if m[0] == topic else m)

@@ -9,6 +9,7 @@ import pytest
 
 import independent_arm as arm
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_stiffness.identification.validation import validate
 from cabols_stiffness.ladder.identified import identify_ladder, rungs_of
 from cabols_stiffness.model.compensation import correct
 from cabols_stiffness.model.elastic.blocks import Rung
@@ -16,6 +17,8 @@ from cabols_stiffness.model.elastic.prediction import predict_elastic
 from cabols_stiffness.model.prediction import predict
 from cabols_stiffness.model.result_file import read_result, write_result
 from cabols_stiffness.model.verdict import Suspect
+from hidden_campaign import campaign as campaign_of
+from hidden_campaign import hidden_robot
 
 
 @pytest.fixture(scope="module")
@@ -174,3 +177,24 @@ def test_command_makes_up_for_all_that_gives_way(chain):
         before = settle(0, q, W[0])[0][:3, 3] - wanted
         after = settle(0, command, W[0])[0][:3, 3] - wanted
         assert np.linalg.norm(after) < 0.08 * np.linalg.norm(before)
+
+
+def test_unloaded_references_show_where_the_joints_are():
+    """Half a millimetre and half a milliradian, in a robot of which the estimator has the URDF."""
+    robot = hidden_robot(2, "smooth")
+    found = identify_ladder(campaign_of(robot, 2, count=14, peaks=3), arm.robot())
+    nominal, kinematic, weights = found.calibration.steps
+    assert kinematic.taken
+    assert weights.taken
+    assert kinematic.rms < 0.7 * nominal.rms
+    assert weights.rms < 0.5 * kinematic.rms
+    assert found.result.origin.kinematics == arm.robot().kinematics
+
+
+def test_validation_goes_by_all_that_gives_way(chain):
+    settle = soft_base(chain)
+    found = identify_ladder(samples_of(settle), arm.robot())
+    others = arm.noisy(arm.truth(*campaign(seed=78, count=3), settle), np.random.default_rng(6))
+    checked = validate(found.result, others, arm.robot())
+    assert checked.normalised_rms < 1.15
+    assert checked.explained > 0.99

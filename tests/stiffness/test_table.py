@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import independent_arm as arm
 from cabols_control.errors import CabolsError
@@ -30,6 +31,26 @@ def test_command_identifies_the_laboratorys_robot(tmp_path, capsys):
     assert np.all(error < 3.0 * found.standard_deviation)
     assert found.adequate
     assert found.origin.joint_names == tuple(f"joint_{j}" for j in range(1, 7))
+
+
+def test_command_climbs_the_ladder_where_it_pays(tmp_path, capsys):
+    """This robot has joints alone; nothing else is taken, and what was tried is in result.yaml."""
+    words = ["identify", str(LAB), *OPTIONS, "--output", str(tmp_path / "out"), "--model", "auto"]
+    assert main(words) == 0
+    assert "ladder of models" in capsys.readouterr().out
+    content = yaml.safe_load((tmp_path / "out" / "result.yaml").read_text("utf-8"))
+    taken = [step["rung"] for step in content["ladder"]["steps"] if step["taken"]]
+    assert taken == ["joints"]
+    found = read_result(tmp_path / "out" / "result.yaml")
+    assert found.elastic is not None
+    assert np.all(np.abs(found.stiffness - arm.STIFFNESS) < 3.0 * found.standard_deviation)
+
+
+@pytest.mark.parametrize("model", ["gearbox", "joints+gearbox", "as_published"])
+def test_unknown_model_is_a_usage_error(tmp_path, model, capsys):
+    words = ["identify", str(LAB), *OPTIONS, "--output", str(tmp_path / "out"), "--model", model]
+    assert main(words) == 2
+    assert "expected" in capsys.readouterr().err
 
 
 def test_wrong_sign_is_refused_and_named(tmp_path, capsys):

@@ -19,8 +19,9 @@ from cabols_stiffness.analysis.source import Source, is_campaign, read_source
 from cabols_stiffness.analysis.study import Study, study
 from cabols_stiffness.analysis.tables import summary, write_tables
 from cabols_stiffness.campaign.journal import SAMPLES, read_log, read_samples
+from cabols_stiffness.ladder.identified import model_word
+from cabols_stiffness.ladder.texts import ladder_mapping
 from cabols_stiffness.measurements.measured_load import to_cells
-from cabols_stiffness.model.result import MODELS
 from cabols_stiffness.model.result_file import write_result
 
 TABLES = (".csv", ".tsv")
@@ -48,6 +49,8 @@ def main(words: Sequence[str] | None = None) -> int:
         _say(f"{len(source.loads)} loads, {source.rig_s:.0f} s of the rig's time; identifying")
         found = study(source.loads, source.plan, options.model)
         more = provenance(source, found)
+        if found.climbed is not None:
+            more |= ladder_mapping(found.climbed)
         write_result(place / "result.yaml", found.result, found.robot, more)
         written = write_tables(found, place)
         log = read_log(options.source) if is_campaign(options.source) else []
@@ -146,7 +149,13 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     add("--output", type=Path, help="folder to fill; default: the campaign's, or BAG_analysis")
     add("--campaign", default="", help="campaign.yaml; default: the folder's, or the bag's own")
     add("--geometry", default="", help="YAML of the rig's geometry; default: the bench's")
-    add("--model", default="", choices=["", *MODELS], help="default: the campaign's")
+    add(
+        "--model",
+        default="",
+        type=model_word,
+        help="linear, cubic, as_published; auto: the ladder of models; or its rungs, joined by +; "
+        "default: the campaign's",
+    )
     return parser.parse_args(words)
 
 

@@ -14,6 +14,7 @@ from cabols_stiffness.analysis.plots import joint_plots, load_plots, validation_
 from cabols_stiffness.analysis.source import Source
 from cabols_stiffness.analysis.study import Study
 from cabols_stiffness.analysis.tables import stiffness_table, summary
+from cabols_stiffness.ladder.texts import HEADER, ladder_rows
 from cabols_stiffness.measurements.measured_load import INDICES
 from cabols_stiffness.model.compliance import compliance_table
 from cabols_stiffness.model.verdict_text import verdict_rows
@@ -55,6 +56,8 @@ def write_report(
         summary=summary(study),
         verdict=study.result.verdict,
         verdict_rows=_verdict_rows(study),
+        ladder=[] if study.climbed is None else ladder_rows(study.climbed),
+        ladder_header=HEADER,
         table={"header": header, "rows": rows},
         joint_plots=divs[: len(joints)],
         validation_plots=divs[len(joints) : len(joints) + len(checked)],

@@ -20,11 +20,12 @@ from cabols_stiffness.identification.validation import (
     choose_model,
     validate,
 )
+from cabols_stiffness.ladder.identified import Identified, identify_ladder
 from cabols_stiffness.measurements.measured_load import MeasuredLoad
 from cabols_stiffness.measurements.poses import poses
 from cabols_stiffness.measurements.reflector_points import Frames, robot_of
 from cabols_stiffness.measurements.samples import PointSamples, Samples, select
-from cabols_stiffness.model.result import StiffnessResult
+from cabols_stiffness.model.result import LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 
 
@@ -41,6 +42,7 @@ class Study:
         result: from all of them.
         by_configuration: configuration and (6,) stiffness [N m/rad], NaN where it cannot be
             identified, as the columns of table 4.3.
+        climbed: what the ladder of models found; None: it was not asked for.
         choice: between the linear and the cubic model by held-out loads; None: too few loads.
         held_back: samples of the validation; None: none were measured.
         point_validation: their reflectors' displacements, predicted and measured; None likewise.
@@ -55,6 +57,7 @@ class Study:
     samples: PointSamples
     result: StiffnessResult
     by_configuration: list[tuple[int, FloatArray]]
+    climbed: Identified | None
     choice: ModelChoice | None
     held_back: PointSamples | None
     point_validation: Validation | None
@@ -68,7 +71,8 @@ def study(loads: Sequence[MeasuredLoad], plan: CampaignPlan, model: str = "") ->
     Args:
         loads: finished, of all runs.
         plan: of the campaign; its validation configurations are held back.
-        model: linear, cubic or as_published; empty: the plan's.
+        model: linear, cubic or as_published; auto, or rungs of the ladder joined by +; empty: the
+            plan's.
 
     Raises:
         CampaignError: if there is no load to identify from.
@@ -78,8 +82,13 @@ def study(loads: Sequence[MeasuredLoad], plan: CampaignPlan, model: str = "") ->
     mine = [load for load in loads if not plan.is_validation(load.configuration)]
     if not mine:
         raise CampaignError("loads: expected some that are not for validation, got none")
-    pooled = identify_loads(mine, plan.rig, robot, model or plan.model)
+    wanted = model or plan.model
+    pooled = identify_loads(mine, plan.rig, robot, wanted if wanted in MODELS else LINEAR)
     result, frames, samples = pooled.result, pooled.frames, pooled.samples
+    climbed = None
+    if wanted not in MODELS:
+        climbed = identify_ladder(samples, robot, wanted)
+        result = climbed.result
     others = [load for load in loads if plan.is_validation(load.configuration)]
     held_back = None
     if others:
@@ -93,6 +102,7 @@ def study(loads: Sequence[MeasuredLoad], plan: CampaignPlan, model: str = "") ->
         samples=samples,
         result=result,
         by_configuration=_by_configuration(samples, robot, plan),
+        climbed=climbed,
         choice=_choice(samples, robot),
         held_back=held_back,
         point_validation=validate(result, held_back, robot) if held_back is not None else None,

@@ -11,6 +11,7 @@ import numpy as np
 from cabols_control.naming import joint_name, number
 from cabols_stiffness.analysis.study import Study
 from cabols_stiffness.identification.validation import Validation
+from cabols_stiffness.ladder.texts import ladder_text
 from cabols_stiffness.measurements.measured_load import columns, to_cells
 from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import JOINTS
@@ -75,6 +76,8 @@ def summary(study: Study) -> str:
             )
     else:
         lines.append("tracker's frame and reflectors: nominal")
+    if study.climbed is not None:
+        lines.append(ladder_text(study.climbed, study.robot))
     if study.choice is not None:
         errors = ", ".join(
             f"{model} {1e6 * error:.2f} um" for model, error in study.choice.held_out_error.items()

@@ -9,13 +9,21 @@ from scipy.stats import norm
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError
+from cabols_stiffness.identification.elastic_observations import (
+    covariance_of,
+    motion_of,
+    residual_of,
+    settled,
+)
 from cabols_stiffness.identification.gauss_newton import Fitted, Model, fit
 from cabols_stiffness.identification.identify import estimate
 from cabols_stiffness.identification.observations import Linearised, Observations, whiten
 from cabols_stiffness.measurements.samples import PointSamples, Samples
+from cabols_stiffness.model.elastic.prediction import ElasticModel, covariance_at
 from cabols_stiffness.model.prediction import law_of, parameter_covariance
 from cabols_stiffness.model.result import CUBIC, LINEAR, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
+from cabols_stiffness.model.screws import logarithm
 
 FOLDS = 5
 
@@ -64,11 +72,15 @@ def validate(
         raise CabolsError("samples: expected one or more to validate with, got none")
     observations = Observations(samples, robot)
     line = observations.linearise(law_of(result))
-    spread = parameter_covariance(result, line.balance)
-    total = line.covariance + line.motion @ spread @ line.motion.swapaxes(1, 2)
-    line = replace(line, covariance=total)
+    if result.elastic is not None:
+        line, moved = _of_elastic_arm(result.elastic, observations, line)
+        total = line.covariance
+    else:
+        spread = parameter_covariance(result, line.balance)
+        total = line.covariance + line.motion @ spread @ line.motion.swapaxes(1, 2)
+        line = replace(line, covariance=total)
+        moved = np.einsum("kij,kj->ki", line.motion, line.balance.deflection)
     root = np.linalg.cholesky(total)
-    moved = np.einsum("kij,kj->ki", line.motion, line.balance.deflection)
     rows = whiten(line, moved[..., None], samples, np.ones(len(samples)))
     residual = np.einsum("kij,kj->ki", root, rows.residual)
     column = rows.columns.squeeze(axis=-1)
@@ -82,6 +94,26 @@ def validate(
         normalised_rms=float(np.sqrt(np.sum(rows.residual**2) / freedom)),
         error_rms=np.asarray(np.sqrt(np.mean(residual**2, axis=0))),
         explained=float(explained),
+    )
+
+
+def _of_elastic_arm(
+    elastic: ElasticModel, observations: Observations, line: Linearised
+) -> tuple[Linearised, FloatArray]:
+    """Residuals and covariances by all that gives way, and (k, m) what it moves."""
+    model = elastic.with_tool_of(observations.robot)
+    mine = Observations(observations.samples, model.robot)
+    state = settled(mine, model.arm)
+    motion, posture = motion_of(mine, state), state.frames.posture
+    spread = covariance_at(model, state)
+    total = covariance_of(mine, model.arm, state) + motion @ spread @ motion.swapaxes(1, 2)
+    before = model.robot.posture(mine.samples.joints)
+    turned = logarithm(posture.rotation @ before.rotation.swapaxes(1, 2))
+    twist = np.concatenate([posture.position - before.position, turned], axis=1)
+    residual = residual_of(mine, model.arm, state)
+    return (
+        replace(line, residual=residual, covariance=total),
+        np.einsum("kij,kj->ki", motion, twist),
     )
 
 

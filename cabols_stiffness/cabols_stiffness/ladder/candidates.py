@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import FloatArray, IntArray
-from cabols_stiffness.identification.hysteresis import has_branches, stays
+from cabols_stiffness.identification.elastic_observations import draw
+from cabols_stiffness.identification.hysteresis import has_branches
 from cabols_stiffness.identification.observations import Observations
 from cabols_stiffness.ladder.evidence import Rows
 from cabols_stiffness.model.elastic.blocks import (
@@ -19,7 +20,7 @@ from cabols_stiffness.model.elastic.blocks import (
     Varying,
     bodies_of,
 )
-from cabols_stiffness.model.elastic.friction import Form, friction_along
+from cabols_stiffness.model.elastic.friction import Form
 from cabols_stiffness.model.elastic.variation import Over, variation
 
 TRAVELS = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.8])
@@ -129,26 +130,6 @@ def friction_states(
             travels.append(travel)
             shares.append(share.swapaxes(0, 1))
     return FrictionStates(forms, memory, np.concatenate(travels), np.concatenate(shares))
-
-
-def draw(
-    observations: Observations, deflection: FloatArray, form: Form, travel: FloatArray, kept: bool
-) -> FloatArray:
-    """(k, ..., n) share of friction in each sample.
-
-    Args:
-        observations: whose order counts.
-        deflection: (k, n) of the joints [rad].
-        form: of the friction.
-        travel: (..., n) [rad].
-        kept: whether it is kept when the robot moves to another configuration.
-    """
-    found = np.zeros((deflection.shape[0], *travel.shape))
-    extra = (1,) * (travel.ndim - 1)
-    for members in stays(observations.samples, kept):
-        path = deflection[members].reshape(members.size, *extra, deflection.shape[1])
-        found[members] = friction_along(form, path, travel)
-    return found
 
 
 def best_friction(

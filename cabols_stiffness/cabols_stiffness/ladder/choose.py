@@ -13,6 +13,7 @@ import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_stiffness.identification.adequacy.suspects import suspects
+from cabols_stiffness.identification.elastic_observations import motion_of, residual_of
 from cabols_stiffness.identification.gauss_newton import Fitted
 from cabols_stiffness.identification.observations import Observations
 from cabols_stiffness.ladder.candidates import (
@@ -28,8 +29,6 @@ from cabols_stiffness.ladder.evidence import (
     Rows,
     groups,
     held_out,
-    motion_of,
-    residual_of,
     rows_of,
 )
 from cabols_stiffness.ladder.scatter import predictive
@@ -350,5 +349,5 @@ def _gain(before: HeldOut, after: HeldOut) -> tuple[float, float]:
     """Share of the squared error that is removed, and its deviation over the cells."""
     total = float(before.squares.sum())
     each = (before.squares - after.squares) / total
-    deviation = float(each.std(ddof=1)) * np.sqrt(each.size) if each.size > 1 else np.inf
+    deviation = float(each.std(ddof=1) * np.sqrt(each.size)) if each.size > 1 else float("inf")
     return float(each.sum()), deviation

@@ -13,70 +13,11 @@ import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_stiffness.identification.observations import Linearised, Observations, whiten
-from cabols_stiffness.measurements.samples import PointSamples, Samples
-from cabols_stiffness.model.elastic.arm import Arm, settle, softness
-from cabols_stiffness.model.elastic.blocks import Statics
-from cabols_stiffness.model.screws import logarithm, point_motion, turning
 
 CONFIGURATIONS_LEAST = 4
 """Configurations from which on whole ones are held out."""
 
 FOLDS_MAX = 10
-
-
-def residual_of(observations: Observations, arm: Arm, state: Statics) -> FloatArray:
-    """(k, m) measured minus predicted; zero for what was not measured.
-
-    Args:
-        observations: of the robot.
-        arm: what gives way.
-        state: of the samples.
-    """
-    samples, posture = observations.samples, state.frames.posture
-    if isinstance(samples, PointSamples):
-        offset = np.einsum("kij,kj->ki", posture.rotation, samples.offset)
-        return np.asarray(np.nan_to_num(samples.position - posture.position - offset))
-    assert samples.reference_wrench is not None
-    nothing = np.zeros_like(samples.joints)
-    start = settle(
-        observations.robot, arm, samples.joints, samples.reference_wrench, False, nothing
-    ).frames.posture
-    turned = logarithm(posture.rotation @ start.rotation.swapaxes(1, 2))
-    predicted = np.concatenate([posture.position - start.position, turned], axis=1)
-    return np.asarray(np.nan_to_num(samples.deflection - predicted))
-
-
-def motion_of(observations: Observations, state: Statics) -> FloatArray:
-    """(k, m, 6) what is measured of a small motion of the tool.
-
-    Args:
-        observations: of the robot.
-        state: of the samples.
-    """
-    samples = observations.samples
-    if isinstance(samples, PointSamples):
-        rotation = state.frames.posture.rotation
-        return point_motion(np.einsum("kij,kj->ki", rotation, samples.offset))
-    return np.broadcast_to(np.eye(6), (len(samples), 6, 6))
-
-
-def covariance_of(observations: Observations, arm: Arm, state: Statics) -> FloatArray:
-    """(k, m, m) of the residual: the measurement's, and the wrench's through the soft arm.
-
-    Args:
-        observations: of the robot.
-        arm: what gives way.
-        state: of the samples.
-    """
-    samples = observations.samples
-    posture = state.frames.posture
-    through = motion_of(observations, state) @ softness(arm, state)
-    noise = samples.deflection_covariance if isinstance(samples, Samples) else None
-    if isinstance(samples, PointSamples):
-        through = through @ turning(posture.rotation)
-        noise = samples.position_covariance
-    assert noise is not None
-    return np.asarray(noise + through @ samples.wrench_covariance @ through.swapaxes(1, 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,18 +8,17 @@ import numpy as np
 from scipy.stats import chi2
 
 from cabols_control.checks import BoolArray, FloatArray
-from cabols_stiffness.identification.gauss_newton import Fitted
-from cabols_stiffness.identification.observations import Linearised, Observations
-from cabols_stiffness.ladder.candidates import FLAT, Candidate, draw
-from cabols_stiffness.ladder.choose import Choice
-from cabols_stiffness.ladder.evidence import (
-    Rows,
+from cabols_stiffness.identification.elastic_observations import (
     covariance_of,
+    draw,
     motion_of,
     residual_of,
-    rows_of,
-    solve,
 )
+from cabols_stiffness.identification.gauss_newton import Fitted
+from cabols_stiffness.identification.observations import Linearised, Observations
+from cabols_stiffness.ladder.candidates import FLAT, Candidate
+from cabols_stiffness.ladder.choose import Choice
+from cabols_stiffness.ladder.evidence import Rows, rows_of, solve
 from cabols_stiffness.ladder.scatter import Scatter, scatter_of, weighted
 from cabols_stiffness.model.elastic.arm import Arm, settle
 from cabols_stiffness.model.elastic.blocks import Friction, Joints, Rung, Statics

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,11 +20,12 @@ from cabols_stiffness.identification.observations import Observations
 from cabols_stiffness.ladder.choose import Choice, Ladder
 from cabols_stiffness.ladder.fit import ElasticFit, fit_choice
 from cabols_stiffness.ladder.judgement import judge_elastic
+from cabols_stiffness.ladder.kinematics import Calibration, calibrate
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.measurements.usable import usable_rows
 from cabols_stiffness.model.elastic.blocks import Friction, Rung
 from cabols_stiffness.model.elastic.prediction import ElasticModel
-from cabols_stiffness.model.result import LINEAR, StiffnessResult
+from cabols_stiffness.model.result import LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 
 AUTO = "auto"
@@ -51,6 +53,7 @@ class Identified:
     """What the ladder found.
 
     Attributes:
+        calibration: of the robot's kinematics from the unloaded references; None: they say nothing.
         result: of the joints, with the elastic arm; a joint's compliance holds all that gives way
             about its axis.
         choice: which rungs, and why.
@@ -66,6 +69,7 @@ class Identified:
     lower_bound: FloatArray
     combinations: tuple[Combination, ...]
     elastic: ElasticModel
+    calibration: Calibration | None
 
 
 def rungs_of(words: str) -> frozenset[Rung] | None:
@@ -81,8 +85,23 @@ def rungs_of(words: str) -> frozenset[Rung] | None:
     except ValueError as error:
         known = "+".join(Rung)
         raise CabolsError(
-            f"model: expected {AUTO}, or some of {known} joined by +, got {words!r}"
+            f"model: expected {', '.join(MODELS)}, {AUTO}, or some of {known} joined by +, got "
+            f"{words!r}"
         ) from error
+
+
+def model_word(word: str) -> str:
+    """Check a command line's word for a model; empty stands for the default.
+
+    Raises:
+        ArgumentTypeError: if it is unknown.
+    """
+    if word and word not in MODELS:
+        try:
+            rungs_of(word)
+        except CabolsError as error:
+            raise ArgumentTypeError(str(error)) from error
+    return word
 
 
 def identify_ladder(
@@ -107,7 +126,14 @@ def identify_ladder(
     ladder = Ladder(observations, found)
     choice = ladder.climb() if rungs is None else ladder.only(rungs)
     fit = fit_choice(observations, found, choice)
-    elastic = ElasticModel(robot, fit.arm, fit.covariance, fit.scatter.deviation)
+    calibration = None
+    if rungs is None or Rung.KINEMATICS in rungs:
+        calibration = calibrate(observations, fit)
+    if calibration is not None and calibration.taken:
+        observations = Observations(calibration.samples, calibration.robot)
+        found, _, joints = estimate(observations, LINEAR, hysteresis=False)
+        fit = fit_choice(observations, found, choice)
+    elastic = ElasticModel(observations.robot, fit.arm, fit.covariance, fit.scatter.deviation)
     verdict = judge_elastic(observations, found, fit, joints, choice.fault)
     verdict = replace(verdict, missing=usable.missing, repeated=usable.repeated)
     compliance = fit.arm.values[: robot.n] * ladder.scale
@@ -126,6 +152,7 @@ def identify_ladder(
         lower_bound=1.0 / (compliance * (1.0 + student.ppf(0.95, fit.scatter.freedom) * relative)),
         combinations=_combinations(fit, robot.n),
         elastic=elastic,
+        calibration=calibration,
     )
 
 

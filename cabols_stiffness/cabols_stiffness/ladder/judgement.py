@@ -9,6 +9,7 @@ from scipy.stats import f as fisher
 from cabols_control.checks import FloatArray
 from cabols_stiffness.identification.adequacy.suspects import suspects
 from cabols_stiffness.identification.adequacy.texts import TEXTS, text_of
+from cabols_stiffness.identification.adequacy.wrong_data import wrong_data
 from cabols_stiffness.identification.gauss_newton import Fitted
 from cabols_stiffness.identification.observations import Observations
 from cabols_stiffness.ladder.choose import Fault
@@ -25,7 +26,13 @@ TOO_LARGE = 1.25
 MATTERS = 0.02
 """Share of the motion that a cause must explain to be grave."""
 
+FAR_TOO_LARGE = 3.0
+"""Residuals of the joints alone, likewise, beyond which signs, units and orders may be wrong."""
+
 LEAST_EXPLAINED = 0.5
+MOSTLY = 0.9
+"""Share of the motion's sum of squares below which they are tried."""
+
 INDEPENDENT = 1e-4
 """Relative singular value below which a cause is what the model has already."""
 
@@ -70,6 +77,9 @@ def judge_elastic(
         largest = float(fit.scatter.deviation.max())
         text = text_of(Suspect.CONFIGURATIONS, largest)
         findings.append(Finding(Suspect.CONFIGURATIONS, text, 0.0, 0.0, largest, False))
+    alone = float(np.sqrt(found.chi_square / max(found.freedom, 1)))
+    if not alone <= FAR_TOO_LARGE and not (rms < TOO_LARGE and explained > MOSTLY):
+        findings += wrong_data(observations.samples, observations.robot)
     findings.sort(key=lambda one: (not one.grave, one.probability, -one.improvement))
     grade = Grade.SCATTERED if fit.scatter.any else Grade.GOOD
     if any(one.grave for one in findings):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_stiffness.ladder.choose import Step
 from cabols_stiffness.ladder.identified import Combination, Identified
 from cabols_stiffness.model.robot import RobotModel
 
@@ -20,7 +21,7 @@ def ladder_rows(found: Identified) -> list[list[str]]:
         found: by the ladder.
     """
     rows = []
-    for step in found.choice.steps:
+    for step in _steps(found):
         gain = f"{100.0 * step.gain:.1f} +- {100.0 * step.doubt:.1f} %" if step.gain else "-"
         taken = "yes" if step.taken else "no"
         rows.append([step.name, str(step.parameters), f"{step.rms:.3f}", gain, taken])
@@ -64,25 +65,30 @@ def ladder_mapping(found: Identified) -> dict[str, Any]:
             "rung": step.rung.value,
             "variant": step.name,
             "parameters": step.parameters,
-            "held_out_rms": step.rms,
-            "gain": step.gain,
-            "gain_deviation": step.doubt,
-            "taken": step.taken,
+            "held_out_rms": float(step.rms),
+            "gain": float(step.gain),
+            "gain_deviation": float(step.doubt),
+            "taken": bool(step.taken),
         }
-        for step in found.choice.steps
+        for step in _steps(found)
     ]
     return {
         "ladder": {
             "steps": steps,
             "rivals_of_friction": [candidate.name for candidate, _ in found.choice.rivals],
-            "covariance_widened_by": found.fit.widened,
+            "covariance_widened_by": float(found.fit.widened),
             "lower_bound_95_nm_per_rad": _plain(found.lower_bound),
             "combinations": [
-                {"share": _plain(one.share), "deviation": one.deviation}
+                {"share": _plain(one.share), "deviation": float(one.deviation)}
                 for one in found.combinations
             ],
         }
     }
+
+
+def _steps(found: Identified) -> tuple[Step, ...]:
+    more = () if found.calibration is None else found.calibration.steps
+    return (*found.choice.steps, *more)
 
 
 def _combined(one: Combination, robot: RobotModel) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -72,7 +72,7 @@ def correct(
         if not anywhere:
             require_inside(result, robot, at[0])
             _require_small(result, robot, prediction)
-        model = replace(result.elastic, robot=robot)
+        model = result.elastic.with_tool_of(robot)
         command = correct_elastic(model, at, load, follows=follows)
         return Correction(command[0], prediction, prediction.covariance)
     if result.model == AS_PUBLISHED or not result.identifiable.all():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -149,7 +149,7 @@ def _of_elastic_arm(
     follows: bool,
 ) -> Prediction:
     """Predict by all that gives way, with any tool of the same robot."""
-    model = replace(elastic, robot=robot)
+    model = elastic.with_tool_of(robot)
     found = predict_elastic(model, joints, wrench, follows=follows)
     covariance = found.covariance[0]
     if wrench_covariance is not None:

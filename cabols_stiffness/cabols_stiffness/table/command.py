@@ -18,13 +18,13 @@ from typing import Any
 
 from cabols_control.command_line import DONE, FAILED, CommandParser, command
 from cabols_control.configuration import read_yaml
-from cabols_control.errors import CabolsError, UsageError
+from cabols_control.errors import UsageError
 from cabols_control.output_folder import output_folder
 from cabols_stiffness.identification.identify import identify
-from cabols_stiffness.ladder.identified import identify_ladder, rungs_of
+from cabols_stiffness.ladder.identified import identify_ladder, model_word
 from cabols_stiffness.ladder.texts import ladder_mapping, ladder_text
 from cabols_stiffness.model.elastic.blocks import Rung
-from cabols_stiffness.model.result import CUBIC, LINEAR, MODELS, StiffnessResult
+from cabols_stiffness.model.result import AS_PUBLISHED, LINEAR, MODELS, StiffnessResult
 from cabols_stiffness.model.result_file import write_result
 from cabols_stiffness.model.robot import RobotModel, load_robot
 from cabols_stiffness.model.verdict import Grade
@@ -46,6 +46,8 @@ def main(words: Sequence[str] | None = None) -> int:
         reflector=tuple(options.reflector),
         anchor=None if options.anchor is None else tuple(options.anchor),
     )
+    if options.model == AS_PUBLISHED:
+        raise UsageError(f"--model {AS_PUBLISHED}: expected another one; it is for comparison only")
     locked = dict(_locked(word) for word in options.lock)
     robot = load_robot(options.robot or None, options.tip, options.tool, locked=locked)
     mapping = read_yaml(options.mapping) if options.mapping else None
@@ -144,15 +146,6 @@ def _locked(word: str) -> tuple[str, float]:
         raise UsageError(f"--lock {word}: expected NAME=POSITION [rad or m]") from error
 
 
-def _model(word: str) -> str:
-    if word not in (LINEAR, CUBIC):
-        try:
-            rungs_of(word)
-        except CabolsError as error:
-            raise argparse.ArgumentTypeError(str(error)) from error
-    return word
-
-
 def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser = CommandParser("cabols-stiffness", __doc__)
     add = parser.add_argument
@@ -171,7 +164,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     add(
         "--model",
         default=LINEAR,
-        type=_model,
+        type=model_word,
         help="linear; cubic; auto: the ladder of models, by held-out configurations; or its rungs: "
         + "+".join(Rung),
     )

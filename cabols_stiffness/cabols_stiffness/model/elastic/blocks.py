@@ -31,6 +31,10 @@ class Rung(StrEnum):
     LINKS = "links"
     VARYING = "varying"
     FRICTION = "friction"
+    KINEMATICS = "kinematics"
+    """Joints that are not where the URDF has them; no block, see ladder/kinematics.py."""
+    GRAVITY = "gravity"
+    """Weights of the links, likewise."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,3 +135,5 @@ def _block(rung: Rung, content: dict[str, Any]) -> Block:
             return Varying(of("scale"), smooth)
         case Rung.FRICTION:
             return Friction(Form(str(of("form"))), of("joint"), of("travel"), of("scale"))
+        case _:
+            raise ValueError(f"rung: expected one that gives way, got {rung.value!r}")

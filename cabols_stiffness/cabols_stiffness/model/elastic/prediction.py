@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,18 @@ class ElasticModel:
     arm: Arm
     covariance: FloatArray
     scatter: FloatArray
+
+    def with_tool_of(self, robot: RobotModel) -> ElasticModel:
+        """Return the same arm, its identified kinematics, with the flange and tool of a robot."""
+        changed = replace(
+            self.robot,
+            flange=robot.flange,
+            flange_position=robot.flange_position,
+            flange_rotation=robot.flange_rotation,
+            tool_position=robot.tool_position,
+            tool_rotation=robot.tool_rotation,
+        )
+        return replace(self, robot=changed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +89,16 @@ def predict_elastic(
     before, after = frames_of(model.robot, at).posture, state.frames.posture
     turned = logarithm(after.rotation @ before.rotation.swapaxes(1, 2))
     moved = np.concatenate([after.position - before.position, turned], axis=1)
-    return ElasticPrediction(moved, _covariance(model, state), state.deflection)
+    return ElasticPrediction(moved, covariance_at(model, state), state.deflection)
 
 
-def _covariance(model: ElasticModel, state: Statics) -> FloatArray:
+def covariance_at(model: ElasticModel, state: Statics) -> FloatArray:
+    """(k, 6, 6) covariance of the tool's deflections by the arm's uncertainty and scatter.
+
+    Args:
+        model: identified.
+        state: of the arm.
+    """
     columns = model.arm.columns(state)
     found = columns @ model.covariance @ columns.swapaxes(1, 2)
     joints = next(block for block in model.arm.blocks if isinstance(block, Joints))
