@@ -5,7 +5,8 @@ or after PRETIGHTENING or LOADING has begun: by SIGINT to the launcher, two of t
 twice, or SIGHUP, to every process at once, as a terminal does where launcher and nodes share it; or
 by SIGKILL to the launcher. Afterwards no process is left, every node has ended with 0 and without a
 traceback, the bag is complete, its last current zero and its last tensions low. Trials are appended
-to a file; another call goes on where it was.
+to a file; another call goes on where it was. With --ros2-launch, where ROS 2's launch is installed,
+bench.launch.py is launched in place of the project's own launcher.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from cabols_control.bags.reader import read_bag
 from cabols_control.errors import CabolsError
 from cabols_sim.bench.run import forgiving, isolated_environment, run_bench
 
+LAUNCH_FILE = Path(sys.prefix) / "share" / "cabols_sim" / "launch" / "bench.launch.py"
 MARK = "CABOLS_LIFE_CYCLE"
 """Environment variable by which the processes of a trial are found."""
 WAYS = ("sigint", "double", "sigterm", "terminal", "hangup", "killed")
@@ -42,9 +44,9 @@ END_LIMIT_S = 60.0
 LAST_TENSION_N = 10.0
 
 
-def child(folder: Path, robot: bool) -> int:
-    """Run the graph as its launcher; leave the nodes' exit codes."""
-    values = {
+def arguments_of(folder: Path, robot: bool) -> dict[str, Any]:
+    """Arguments of the graph."""
+    return {
         "record": True,
         "output": str(folder / "bag"),
         "auto_start": True,
@@ -53,7 +55,27 @@ def child(folder: Path, robot: bool) -> int:
         "speed": SPEED,
         **forgiving(SPEED),
     }
-    ended = run_bench(values, environment=isolated_environment())
+
+
+def launch_child(folder: Path, robot: bool) -> int:
+    """Launch bench.launch.py as `ros2 launch` does, in the place of the child below."""
+    from launch.actions import IncludeLaunchDescription
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+    from launch import LaunchDescription, LaunchService
+
+    given = [(name, str(value)) for name, value in arguments_of(folder, robot).items()]
+    os.environ.update(isolated_environment())
+    source = PythonLaunchDescriptionSource(str(LAUNCH_FILE))
+    include = IncludeLaunchDescription(source, launch_arguments=given)
+    service = LaunchService(argv=[f"{name}:={value}" for name, value in given], noninteractive=True)
+    service.include_launch_description(LaunchDescription([include]))
+    return int(service.run())
+
+
+def child(folder: Path, robot: bool) -> int:
+    """Run the graph as its launcher; leave the nodes' exit codes."""
+    ended = run_bench(arguments_of(folder, robot), environment=isolated_environment())
     result = {"first": ended.first, "code": ended.code, "codes": ended.codes}
     (folder / "ended.json").write_text(json.dumps(result), encoding="utf-8")
     return 0
@@ -62,10 +84,11 @@ def child(folder: Path, robot: bool) -> int:
 class Launch:
     """One launcher with its nodes, and what they print."""
 
-    def __init__(self, folder: Path, robot: bool) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, robot: bool, by_launch: bool) -> None:
+        self.folder, self.by_launch = folder, by_launch
         folder.mkdir(parents=True)
         command = [sys.executable, __file__, "--child", str(folder), *["--robot"] * robot]
+        command += ["--ros2-launch"] * by_launch
         environment = {**os.environ, MARK: str(folder)}
         self.began_s = time.monotonic()
         self.lines: list[str] = []
@@ -124,13 +147,13 @@ def _processes() -> Iterator[int]:
     return (int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdecimal())
 
 
-def trial(number: int, seed: int, folder: Path) -> dict[str, Any]:
+def trial(number: int, seed: int, folder: Path, by_launch: bool) -> dict[str, Any]:
     """Run one trial; return what was done and what is wrong."""
     dice = random.Random(f"{seed}/{number}")
     way, phase = WAYS[number % len(WAYS)], dice.choice(PHASES)
     robot = dice.random() < 0.5
     delay_s = dice.uniform(0.0, EARLIEST_PHASE_S if phase == "start" else LATER_S)
-    launch = Launch(folder / f"{number:04d}", robot)
+    launch = Launch(folder / f"{number:04d}", robot, by_launch)
     wrong = []
     reached = phase == "start" or launch.wait_for(f"mode {phase}", START_LIMIT_S)
     time.sleep(delay_s)
@@ -193,8 +216,10 @@ def _faults(launch: Launch, way: str) -> Iterator[str]:
     for index, line in enumerate(launch.lines):
         if "Traceback" in line:
             yield "traceback: " + " | ".join(launch.lines[index : index + 40])[:1500]
+        if "process has died" in line:
+            yield line
     path = launch.folder / "ended.json"
-    early = not launch.lines
+    early = not launch.lines or launch.by_launch
     if way != "killed" and not early:
         if not path.exists():
             yield f"the launcher ended with {launch.process.poll()} before its nodes"
@@ -248,20 +273,23 @@ def main() -> int:
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--short", action="store_true", help="12 trials")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--output", type=Path, default=Path("build/life_cycle"))
+    parser.add_argument("--output", type=Path, default=None)
+    parser.add_argument("--ros2-launch", action="store_true", help="by bench.launch.py")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--robot", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    by_launch = arguments.ros2_launch
     if arguments.child:
-        return child(arguments.child, arguments.robot)
-    output = arguments.output.absolute()
+        return (launch_child if by_launch else child)(arguments.child, arguments.robot)
+    name = "life_cycle_ros2_launch" if by_launch else "life_cycle"
+    output = (arguments.output or Path("build") / name).absolute()
     output.mkdir(parents=True, exist_ok=True)
     path = output / "trials.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {row["number"] for row in rows}
     wanted = 12 if arguments.short else arguments.trials
     for number in (n for n in range(wanted) if n not in done):
-        row = trial(number, arguments.seed, output)
+        row = trial(number, arguments.seed, output, by_launch)
         rows.append(row)
         with path.open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(row) + "\n")
@@ -272,7 +300,7 @@ def main() -> int:
             flush=True,
         )
     figures = report(rows)
-    write_figures(Path("build/bench/life_cycle.json"), figures)
+    write_figures(Path(f"build/bench/{name}.json"), figures)
     for way, counts in figures["by_way"].items():
         print(f"{way:10s} {counts['trials']:4d} trials, {counts['wrong']} wrong")
     print(f"{figures['trials']} starts and ends, {figures['wrong']} wrong")
