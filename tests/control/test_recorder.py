@@ -393,3 +393,11 @@ def test_a_topic_without_a_known_type_is_refused_with_what_is_expected(record):
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 2
     assert "record_also: expected /diagnostics" in errors
+
+
+def test_simulated_time_is_refused_with_the_reason(record):
+    """A node whose timers wait for /clock would neither report nor watch."""
+    process = record(use_sim_time="true")
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 2
+    assert "use_sim_time: expected false" in errors

@@ -79,3 +79,16 @@ def test_a_package_says_who_made_it_and_what_it_is(path):
     assert text.startswith(f"# {path.name}\n")
     for link in re.findall(r"\]\(([^)#]*)", text):
         assert (path / link).exists(), link
+
+
+def test_the_aggregators_file_names_nodes_that_there_are():
+    import yaml
+
+    from cabols_control.bringup.graph import all_nodes
+
+    path = ROOT / "cabols_control" / "layouts" / "diagnostic_aggregator.yaml"
+    analyzers = yaml.safe_load(path.read_text("utf-8"))["analyzers"]["ros__parameters"]
+    named = [n for a in analyzers.values() if isinstance(a, dict) for n in a["startswith"]]
+    assert {name.removeprefix("/cabols/") for name in named} - {""} <= {
+        node.executable for node in all_nodes()
+    }

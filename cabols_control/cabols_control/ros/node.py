@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from cabols_control import end_signals
 from cabols_control.command_line import USAGE, fail
-from cabols_control.errors import CabolsError
+from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.realtime.kernel_signatures import compiled_since, specialisations
 from cabols_control.realtime.scheduling import (
     apply_scheduling,
@@ -157,6 +157,11 @@ class ControlNode(Node):
         """
         go_on()
         super().__init__(name, namespace=NAMESPACE)
+        if self.get_parameter("use_sim_time").value:
+            raise ConfigError(
+                "use_sim_time: expected false, got true: time-outs and stamps follow the bridge's "
+                "samples, in slow motion and in lockstep too, and not /clock; leave it out"
+            )
         self.rig_folder = declare_rig_folder(self)
         self.rig = declare_rig(self, self.rig_folder)
         self.lockstep = declare_lockstep(self)
