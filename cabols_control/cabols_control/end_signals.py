@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from pathlib import Path
 from types import FrameType
 
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -17,6 +18,21 @@ END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 def hold() -> None:
     """Let the signals wait."""
     signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
+
+
+def held_by(pid: int) -> bool:
+    """Whether another process holds them back: it still starts, and has opened nothing.
+
+    Args:
+        pid: of a process that began by holding them.
+    """
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return False
+    masks = [line.split()[1] for line in lines if line.startswith("SigBlk:")]
+    mask = int(masks[0], 16) if masks else 0
+    return all(mask >> (number - 1) & 1 for number in END_SIGNALS)
 
 
 def handle(hear: Callable[[int, FrameType | None], object]) -> None:

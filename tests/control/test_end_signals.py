@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from cabols_control.end_signals import END_SIGNALS
+from cabols_control.end_signals import END_SIGNALS, held_by
 
 HOLDS = """
 import os, sys
@@ -60,6 +60,24 @@ def test_a_hang_up_that_is_ignored_stays_ignored():
         [sys.executable, "-c", HANGS_UP], capture_output=True, text=True, timeout=60.0, check=True
     )
     assert done.stdout == "heard []\n"
+
+
+def test_who_holds_them_is_seen_from_outside():
+    then = "from cabols_control import end_signals\nend_signals.handle(print)\n"
+    then += "print(1, flush=True)\ninput()\n"
+    command = [sys.executable, "-c", HOLDS.format(then=then)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == "held\n"
+        assert held_by(process.pid)
+        process.stdin.write("go on\n")
+        process.stdin.flush()
+        assert process.stdout.readline() == "1\n"
+        assert not held_by(process.pid)
+        process.communicate("\n", timeout=60.0)
+    assert not held_by(process.pid)
+    assert not held_by(os.getpid())
 
 
 def test_end_signals_are_those_of_terminals_and_service_managers():

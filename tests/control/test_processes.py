@@ -11,7 +11,7 @@ import pytest
 
 from cabols_control.bringup import processes
 from cabols_control.bringup.processes import run
-from cabols_control.bringup.specs import NodeSpec
+from cabols_control.bringup.specs import NodeSpec, Role
 
 
 @pytest.fixture
@@ -114,3 +114,10 @@ def test_run_that_ends_by_itself_is_not_overdue(node):
     ended = run(nodes, on_line=print, limit_s=600.0)
     assert not ended.overdue
     assert (ended.first, ended.code) == ("short", 3)
+
+
+def test_node_that_still_starts_is_not_waited_for(node):
+    """It holds the signals back, and would go on to start for seconds on a busy computer."""
+    starting = replace(node("starting", "exec sleep 600"), role=Role.CONTROLLER)
+    ended = run([starting, node("short", "exit 3")], on_line=print, limit_s=600.0, grace_s=300.0)
+    assert (ended.first, ended.codes) == ("short", {"starting": 0, "short": 3})

@@ -46,7 +46,7 @@ class Ended:
     Attributes:
         first: name of the node that ended first; empty if the user interrupted.
         code: its exit code, negative for a signal; 0 when interrupted.
-        codes: exit code of every node.
+        codes: exit code of every node; 0 for one that had not opened anything yet.
         overdue: whether the run was ended because it took longer than its limit.
     """
 
@@ -148,6 +148,7 @@ async def _run(
     commands = [(spec.executable, command_line(spec)) for spec in nodes]
     # What has a part in the graph handles them as soon as it can end in order.
     holding = {spec.executable for spec in nodes if spec.role is not None}
+    unopened: set[str] = set()
     interrupted = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in end_signals.END_SIGNALS:
@@ -219,11 +220,18 @@ async def _run(
         for keeper in keepers:
             keeper.cancel()
         for name in reversed(processes):
+            if name in holding and end_signals.held_by(processes[name].pid):
+                # It would only go on to start, for seconds on a busy computer.
+                processes[name].kill()
+                unopened.add(name)
             await _end(processes[name], grace_s)
         await asyncio.gather(*pumps)
         for number in end_signals.END_SIGNALS:
             loop.remove_signal_handler(number)
-    codes = {name: process.returncode or 0 for name, process in processes.items()}
+    codes = {
+        name: 0 if name in unopened else process.returncode or 0
+        for name, process in processes.items()
+    }
     return Ended(first, code, codes, overdue)
 
 

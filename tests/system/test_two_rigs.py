@@ -1,0 +1,98 @@
+"""Two rigs on one machine, in one DDS domain: not one message of one reaches the other."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from cabols_msgs.msg import Mode
+
+from cabols_control.bags.compare import payload_digest
+from cabols_control.bags.reader import read_bag
+from cabols_sim.bench.run import forgiving
+from graph_harness import next_environment, run_scenario
+
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
+
+PACE = {"speed": 0.1, **forgiving(0.1)}
+CHILD = """
+import json, os, sys
+from cabols_sim.bench.run import run_bench
+values, environment = json.loads(sys.argv[1]), json.loads(sys.argv[2])
+ended = run_bench(values, environment=environment)
+print(json.dumps({"first": ended.first, "code": ended.code, "codes": ended.codes}))
+"""
+
+
+def start(environment, **values):
+    """Start a rig with a launcher of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-c", CHILD, json.dumps(values), json.dumps(environment)],
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def outcome(process):
+    said, _ = process.communicate(timeout=300.0)
+    return json.loads(said.splitlines()[-1]), said
+
+
+def lockstep(bag, seed, **more):
+    run = {"lockstep": True, "steps": 1200, "auto_start": True, "program": "multi_axis"}
+    return {**run, "seed": seed, "output": str(bag), **more}
+
+
+def test_each_of_two_rigs_runs_as_if_it_were_alone(tmp_path):
+    """In lockstep, where one message of the other rig would change the bytes of the bag."""
+    together = next_environment()
+    seeds = {"rig1": 4, "rig2": 5}
+    running = [
+        start(together, **lockstep(tmp_path / name, seed, namespace=f"/{name}"))
+        for name, seed in seeds.items()
+    ]
+    for process in running:
+        found, said = outcome(process)
+        assert (found["first"], found["code"]) == ("plant", 0), said
+    for name, seed in seeds.items():
+        alone = tmp_path / f"{name}_alone"
+        found, said = outcome(start(next_environment(), **lockstep(alone, seed)))
+        assert (found["first"], found["code"]) == ("plant", 0), said
+        assert payload_digest(tmp_path / name) == payload_digest(alone)
+        assert read_bag(tmp_path / name).metadata["namespace"] == f"/{name}"
+    assert payload_digest(tmp_path / "rig1") != payload_digest(tmp_path / "rig2")
+
+
+def test_a_second_rig_in_the_same_namespace_is_refused_and_disturbs_nothing():
+    environment = {}
+    answers = []
+
+    def scenario(watcher, pids):
+        watcher.wait(lambda: Mode.LOADING in watcher.modes(), "LOADING")
+        environment.update(next_to(pids))
+        answers.append(outcome(start(environment, record=False, **PACE)))
+        watcher.wait(lambda: watcher.modes()[-1] == Mode.LOADING, "LOADING still")
+
+    values = {"auto_start": True, "program": "ramps", **PACE}
+    ended, lines, watcher = run_scenario(values, scenario)
+    found, said = answers[0]
+    assert found["first"], said
+    assert 2 in found["codes"].values(), said
+    assert "running already" in said
+    assert Mode.FAULT not in watcher.modes()
+    assert ended.first == "", lines[-20:]
+    assert set(ended.codes.values()) == {0}
+
+
+def next_to(pids):
+    """Environment of a running rig."""
+    content = Path(f"/proc/{next(iter(pids.values()))}/environ").read_bytes()
+    pairs = dict(part.split(b"=", 1) for part in content.split(b"\0") if b"=" in part)
+    names = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
+    return {name: pairs[name.encode()].decode() for name in names}
