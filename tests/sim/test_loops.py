@@ -13,6 +13,7 @@ from cabols_control.kinematics import structure_matrix
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.step_response import analyse_steps
+from cabols_control.workspace.elastic import tension_stiffness
 from cabols_sim.dynamics.bench_vibration import LOOP_DELAY_S, margin_numbers
 from cabols_sim.dynamics.loops import (
     FREQUENCIES,
@@ -35,7 +36,6 @@ from cabols_sim.dynamics.vibration import (
     VibrationModel,
     rigid_body,
     string_frequency,
-    tension_stiffness,
 )
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.studies.dynamics_study import held_by_robot

@@ -17,6 +17,7 @@ from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import ControlConfig, Rig
 from cabols_control.tension import distribute
+from cabols_control.workspace.elastic import tension_stiffness
 from cabols_sim.dynamics.loops import FREQUENCIES, design_margins
 from cabols_sim.dynamics.timescales import Fastest, Split, fastest_design, split
 from cabols_sim.dynamics.vibration import (
@@ -25,7 +26,6 @@ from cabols_sim.dynamics.vibration import (
     rigid_body,
     spring_stiffness,
     string_frequency,
-    tension_stiffness,
 )
 
 PLATFORM_GYRATION_M = 0.10

@@ -19,8 +19,7 @@ from scipy.linalg import eigh
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
-from cabols_control.kinematics import direction_gradients, structure_matrix
-from cabols_control.rotations import cross_matrix
+from cabols_control.kinematics import structure_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,38 +93,6 @@ class VibrationModel:
             for part in (self.target, self.springs, self.tension)
         ]
         return np.array(parts).T
-
-
-def tension_stiffness(
-    geometry: RigGeometry, position: ArrayLike, rotation: ArrayLike, tension: ArrayLike
-) -> FloatArray:
-    """Stiffness that constant tensions give the platform: -d(A tau)/dx, its symmetric part.
-
-    The rest is the half turn of the net torque's axes, which has no potential.
-
-    Args:
-        geometry: attachment points.
-        position: (3,) platform origin, base frame [m].
-        rotation: (3, 3) from platform to base axes.
-        tension: (n,) [N].
-
-    Returns:
-        (6, 6) [N/m, N, N m/rad].
-
-    Raises:
-        ShapeError: if an argument has another shape or is not finite.
-    """
-    matrix = structure_matrix(geometry, position, rotation)
-    pulls = finite_array("tension", tension, (geometry.cables,))
-    turning = direction_gradients(geometry, position, rotation)
-    levers = geometry.platform_points @ np.asarray(rotation, dtype=np.float64).T
-    stiffness = np.zeros((6, 6))
-    for u, lever, tau, turn in zip(matrix[:3].T, levers, pulls, turning, strict=True):
-        arm = cross_matrix(lever)
-        jacobian = np.hstack([np.eye(3), -arm])
-        stiffness += tau * (jacobian.T @ turn @ jacobian)
-        stiffness[3:, 3:] -= tau * cross_matrix(u) @ arm
-    return 0.5 * (stiffness + stiffness.T)
 
 
 def spring_stiffness(

@@ -3,6 +3,7 @@
 workspace map            the workspace on a grid of positions and orientations
 workspace trajectory     margins along the poses of a CSV file
 workspace design         attachment points for the largest workspace
+workspace stiffness      how far the required wrenches move the platform
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from cabols_control.workspace.wrench_set import WrenchSet, wrench_box, wrench_po
 from . import figures, files
 from .design_command import COARSE, Choices, add_design, run_design
 from .exchange_command import add_export, add_import, run_export, run_import
+from .stiffness_command import add_stiffness, run_stiffness
 from .workers import LOCAL, workers
 
 TURN_POINTS = 13
@@ -217,7 +219,9 @@ def run_map(options: argparse.Namespace) -> None:
         solids = found.solids()
         summary = map_figures(found, solids, seconds, pool.description)
         _leave_map(found, solids, summary, geometry, options)
-        if bodies is not None and geometry.motion is Motion.SPATIAL:
+        if bodies is not None and geometry.has_pulleys:
+            print("note: no range of turn about z is certified over pulleys; no turns.png")
+        elif bodies is not None and geometry.motion is Motion.SPATIAL:
             _map_turns(geometry, bodies, options)
         folder.finish()
     print(f"table, meshes and figures are in {options.output}")
@@ -317,6 +321,15 @@ def _design(options: argparse.Namespace) -> None:
     run_design(options, robot, choices)
 
 
+def _stiffness(options: argparse.Namespace) -> None:
+    """Map how far loads move the platform."""
+    robot = _robot(options)
+    if options.half_widths is None:
+        options.half_widths = robot.half_widths()
+    required = required_wrenches(options, robot)
+    run_stiffness(options, robot, required, grid_of(options, robot.geometry))
+
+
 @command
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
@@ -359,6 +372,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     worker_options(design)
     add_design(design)
     design.set_defaults(run=_design)
+    elastic = commands.add_parser("stiffness", help="how far loads move the platform")
+    rig_options(elastic)
+    add_stiffness(elastic)
+    elastic.set_defaults(run=_stiffness)
     taken = commands.add_parser("import", help="a robot file from files of CASPR or cdpyr")
     add_import(taken)
     taken.set_defaults(run=run_import)
