@@ -31,7 +31,7 @@ GRAVITY = 9.80665
 SAME_PRINTED = 1e-5
 """Of a multiple, which the table prints with six digits."""
 NEAR = 1e-9
-"""Distance of a multiple from 1 within which rounding decides the flag."""
+"""Distance of a multiple from 1, or of the two ends of its range, where rounding decides."""
 
 
 class Multiples:
@@ -98,7 +98,7 @@ def compare(path, table, poses):
     units = np.array([1.0] * 3 + [robot["characteristic_length"]] * 3)[rows]
     programmes, scale = Multiples(len(rows), low, high), float(high.max())
     chosen = np.random.default_rng(1).permutation(len(table))[:poses]
-    flags = worst = feasible = 0
+    flags = worst = feasible = undecided = 0
     for k in chosen:
         row = table[k]
         position = np.array([row["x_m"], row["y_m"], row["z_m"]])
@@ -121,8 +121,11 @@ def compare(path, table, poses):
                 break
         fits = least <= 1.0 <= largest
         feasible += fits
-        rounding = min(abs(least - 1.0), abs(largest - 1.0)) < NEAR
+        rounding = min(abs(least - 1.0), abs(largest - 1.0), abs(largest - least)) < NEAR
         flags += bool(fits != (row["margin_n"] >= 0.0)) and not rounding
+        undecided += rounding
+        if rounding:
+            continue
         if least <= largest < 1e3:
             # The table has six digits.
             gap = abs(row["factor_high"] - largest) / max(largest, 1e-3)
@@ -132,6 +135,7 @@ def compare(path, table, poses):
     return {
         "poses": len(chosen),
         "feasible": int(feasible),
+        "undecided_by_rounding": int(undecided),
         "flags_that_differ": int(flags),
         "largest_difference_of_multiple": float(worst),
     }
@@ -154,10 +158,13 @@ def main() -> int:
             table = np.genfromtxt(folder / "workspace.csv", delimiter=",", names=True)
             kept.write_text(json.dumps(compare(path, table, options.poses)), encoding="utf-8")
         found[path.stem] = json.loads(kept.read_text(encoding="utf-8"))
-    print(f"{'robot':10} poses  feasible  flags that differ  largest difference of a multiple")
+    print(
+        f"{'robot':10} poses  feasible  flags that differ  ties  largest difference of a multiple"
+    )
     for name, row in found.items():
         print(
             f"{name:10} {row['poses']:5d}  {row['feasible']:8d}  {row['flags_that_differ']:17d}  "
+            f"{row['undecided_by_rounding']:4d}  "
             f"{row['largest_difference_of_multiple']:.1e}"
         )
     equal = all(
