@@ -128,7 +128,7 @@ def compare(path, table, poses):
             continue
         if least <= largest < 1e3:
             # The table has six digits.
-            gap = abs(row["factor_high"] - largest) / max(largest, 1e-3)
+            gap = abs(row["factor_high"] - largest) / max(largest, 0.1)
             worst = max(worst, gap if np.isfinite(gap) else np.inf)
         elif least > largest + 1e-9 and not np.isnan(row["factor_high"]):
             worst = np.inf
