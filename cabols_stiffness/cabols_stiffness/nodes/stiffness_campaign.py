@@ -26,6 +26,7 @@ from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_row
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.threads.pause import pause
+from cabols_control.rotations import read_pose
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_stiffness.analysis.bag import read_loads
@@ -72,6 +73,7 @@ class StiffnessCampaignNode(ControlNode):
         # Compile or load the kernels that judge a load, for writable arrays as a pose has them.
         geometry = self.rig.geometry
         structure_matrix(geometry, np.array(geometry.reference_position), np.eye(3))
+        read_pose(np.array([*geometry.reference_position, 0.0, 0.0, 0.0, 1.0]))
         for name, callback in (
             ("pause_stiffness_test", self._pause),
             ("resume_stiffness_test", self._resume),
