@@ -13,12 +13,17 @@ import numpy as np
 
 from cabols_control.command_line import DONE, CommandParser, command
 from cabols_control.errors import UsageError
+from cabols_control.naming import number
 from cabols_control.output_folder import OutputFolder, output_folder
 from cabols_stiffness.analysis.report import write_report
 from cabols_stiffness.analysis.source import Source, is_campaign, read_source
 from cabols_stiffness.analysis.study import Study, study
 from cabols_stiffness.analysis.tables import summary, write_tables
 from cabols_stiffness.campaign.journal import SAMPLES, read_log, read_samples
+from cabols_stiffness.certificate.document import Certificate
+from cabols_stiffness.certificate.made import certificate_of
+from cabols_stiffness.certificate.pages import write_certificate
+from cabols_stiffness.certificate.statement import load_statement
 from cabols_stiffness.ladder.identified import model_word
 from cabols_stiffness.ladder.texts import ladder_mapping
 from cabols_stiffness.measurements.measured_load import to_cells
@@ -55,6 +60,8 @@ def main(words: Sequence[str] | None = None) -> int:
         written = write_tables(found, place)
         log = read_log(options.source) if is_campaign(options.source) else []
         write_report(place / "report.html", found, source, log)
+        if options.statement:
+            written += write_certificate(place, _certificate(found, options.statement, log))
         if folder is not None:
             folder.finish()
     print(summary(found))
@@ -65,6 +72,17 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"  {path}")
     print(f"analysed in {time.monotonic() - began:.1f} s")
     return DONE
+
+
+def _certificate(found: Study, statement: str, log: Sequence[dict[str, str]]) -> Certificate:
+    skipped = [
+        f"load {number(int(row['load_index']))} of configuration "
+        f"{number(int(row['configuration_index']))}: {row['reason']}"
+        for row in log
+        if row["what"] == "skipped"
+    ]
+    said = load_statement(statement)
+    return certificate_of(found.result, found.samples, found.robot, said, skipped)
 
 
 @contextmanager
@@ -156,6 +174,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
         help="linear, cubic, as_published; auto: the ladder of models; or its rungs, joined by +; "
         "default: the campaign's",
     )
+    add("--statement", default="", help="YAML of a certificate: operator, instruments, type B")
     return parser.parse_args(words)
 
 

@@ -20,6 +20,9 @@ from cabols_control.command_line import DONE, FAILED, CommandParser, command
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import UsageError
 from cabols_control.output_folder import output_folder
+from cabols_stiffness.certificate.made import certificate_of
+from cabols_stiffness.certificate.pages import write_certificate
+from cabols_stiffness.certificate.statement import Statement, load_statement
 from cabols_stiffness.identification.identify import identify
 from cabols_stiffness.ladder.identified import identify_ladder, model_word
 from cabols_stiffness.ladder.texts import ladder_mapping, ladder_text
@@ -53,11 +56,17 @@ def main(words: Sequence[str] | None = None) -> int:
     mapping = read_yaml(options.mapping) if options.mapping else None
     table = read_table(options.table, robot.n, mapping)
     output = options.output or Path(options.table).with_suffix("")
-    return identify_table(table, robot, stated, options.model, output)
+    statement = load_statement(options.statement) if options.statement else None
+    return identify_table(table, robot, stated, options.model, output, statement)
 
 
 def identify_table(
-    table: Table, robot: RobotModel, stated: Stated, model: str, output: Path
+    table: Table,
+    robot: RobotModel,
+    stated: Stated,
+    model: str,
+    output: Path,
+    statement: Statement | None = None,
 ) -> int:
     """Identify from a table, print, and fill a folder; return the exit code.
 
@@ -67,6 +76,7 @@ def identify_table(
         stated: noise, axes, measured point.
         model: linear, cubic, auto, or rungs of the ladder joined by +.
         output: folder to fill.
+        statement: what a certificate needs; None: none is written.
     """
     plain = model if model in MODELS else LINEAR
     result = identify(to_samples(table, robot, stated), robot, plain, judged=False)
@@ -87,8 +97,14 @@ def identify_table(
     with output_folder(output, "cabols-stiffness", keep=True, shared=True) as folder:
         write_result(output / "result.yaml", result, robot, more)
         _write_csv(output / "stiffness.csv", result, robot)
+        written = [output / "result.yaml", output / "stiffness.csv"]
+        if statement is not None and verdict.grade is not Grade.HOPELESS:
+            skipped = [f"line {line}: no joints or no wrench" for line in table.skipped]
+            certificate = certificate_of(result, samples, robot, statement, skipped)
+            written += write_certificate(output, certificate)
         folder.finish()
-    print(f"  {output / 'result.yaml'}\n  {output / 'stiffness.csv'}")
+    for path in written:
+        print(f"  {path}")
     return FAILED if verdict.grade is Grade.HOPELESS else DONE
 
 
@@ -172,6 +188,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     add("--deviation-urad", type=float, default=80.0, help="of a rotation [urad]")
     add("--deviation-n", type=float, default=0.5, help="of a force [N]")
     add("--deviation-nm", type=float, default=0.05, help="of a torque [N m]")
+    add("--statement", default="", help="YAML of a certificate: operator, instruments, type B")
     add("--output", type=Path, help="folder to fill; default: the table's name")
     return parser.parse_args(words)
 

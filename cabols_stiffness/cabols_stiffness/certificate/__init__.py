@@ -1,0 +1,1 @@
+"""Uncertainty budget, measured compliance, and the certificate that holds them."""
