@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 
 from cabols_control.bringup.argument_text import others, read_arguments
 from cabols_control.bringup.graph import all_arguments
-from cabols_control.bringup.processes import GRACE_S, RESTART_S
+from cabols_control.bringup.processes import GRACE_S, RESTART_S, RESTARTS
 from cabols_control.bringup.specs import LAUNCHER, ONE_BLAS_THREAD, NodeSpec
 
 DISCOVERY = "discovery"
@@ -95,6 +95,7 @@ def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
             additional_env={**ONE_BLAS_THREAD, LAUNCHER: str(os.getpid()), RANGE: discovery},
             respawn=spec.restarts,
             respawn_delay=RESTART_S,
+            respawn_max_retries=RESTARTS,
             sigterm_timeout=grace,
             sigkill_timeout=grace,
         )
