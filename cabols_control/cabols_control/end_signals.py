@@ -27,11 +27,11 @@ def held_by(pid: int) -> bool:
         pid: of a process that began by holding them.
     """
     try:
-        lines = Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
+        status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
     except OSError:
         return False
-    masks = [line.split()[1] for line in lines if line.startswith("SigBlk:")]
-    mask = int(masks[0], 16) if masks else 0
+    fields = dict(row.split(":", 1) for row in status.splitlines() if ":" in row)
+    mask = int(fields.get("SigBlk", "0"), 16)
     return all(mask >> (number - 1) & 1 for number in END_SIGNALS)
 
 

@@ -51,6 +51,8 @@ def _name(node: ast.expr) -> str:
 
 def _is_numbered(node: ast.Subscript) -> bool:
     parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+    if not parts:
+        return False  # x[()] is all of x
     name, indices = _name(node.value).lstrip("_"), [_integer(part) for part in parts]
     for index in indices:
         if index is not None and index >= FIRST_NAMELESS:

@@ -21,6 +21,8 @@ LATE_NS = 200_000
 LOST_SHARE = 1e-4
 """Share of cycles that a bare timer may lose on a machine for a rig."""
 WANTED_PRIORITY = 60
+TIMES = ("user", "nice", "system", "idle", "iowait", "irq", "softirq", "steal")
+"""Of the row `cpu` of /proc/stat, in its order."""
 LOCKED_BYTES = 1 << 30
 
 
@@ -252,7 +254,13 @@ def stolen_share(before: str, after: str) -> float:
         before: first line of the file.
         after: the same, later.
     """
-    first, second = (np.array(line.split()[1:9], dtype=float) for line in (before, after))
-    spent = second - first
-    total = float(spent.sum())
-    return float(spent[7]) / total if spent.size > 7 and total > 0.0 else 0.0
+    first, second = (_processor_times(line) for line in (before, after))
+    spent = {name: second[name] - first.get(name, 0.0) for name in second}
+    total = sum(spent.values())
+    return spent.get("steal", 0.0) / total if total > 0.0 else 0.0
+
+
+def _processor_times(row: str) -> dict[str, float]:
+    """Times of the row `cpu` of /proc/stat by name (proc_stat(5)); guests' are in user's."""
+    _, *times = row.split()
+    return {name: float(value) for name, value in zip(TIMES, times, strict=False)}
