@@ -108,6 +108,10 @@ bench-pulleys: setup  ## time a new pose over pulleys beside one between points
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_pulleys.py $(ARGS)
 
+bench-pulley-loop: setup  ## a wrench held on a moving platform over pulleys that control knows or neglects
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_pulley_loop.py $(ARGS)
+
 bench-calibration: setup  ## calibrate 200 simulated rigs that differ from their drawing (--short: 20); resumes
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_calibration.py $(ARGS)

@@ -220,6 +220,12 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
         ConfigError: if it cannot be used; the message names file, key and reason.
     """
     axes = content.pulley_axes
+    radius = content.pulley_radius
+    if isinstance(radius, list) and len(radius) != len(content.base_points):
+        raise ConfigError(
+            f"{source}: pulley_radius: expected shape ({len(content.base_points)},), one for each "
+            f"cable, got {len(radius)}"
+        )
     if axes is not None and not np.any(content.pulley_radius):
         raise ConfigError(f"{source}: pulley_axes: expected pulley_radius beside it, got none")
     try:

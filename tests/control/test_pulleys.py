@@ -234,6 +234,8 @@ def test_a_pose_on_the_wheel_is_out_of_reach():
         ({"pulley_radius": -0.01}, "pulley_radius"),
         ({"pulley_radius": float("nan")}, "pulley_radius"),
         ({"pulley_radius": [0.04] * 7}, "pulley_radius: expected shape"),
+        ({"pulley_radius": [0.0] * 7}, "pulley_radius: expected shape"),
+        ({"pulley_radius": []}, "pulley_radius: expected shape"),
         ({"pulley_radius": "wide"}, "pulley_radius"),
         ({"pulley_radius": True}, "pulley_radius"),
         ({"pulley_radius": 0.04, "pulley_axes": [[0, 0, 1]] * 7}, "pulley_axes"),
