@@ -55,6 +55,7 @@ class ElasticFit:
         residual: (k, m).
         steps: Gauss-Newton steps.
         converged: whether the last one was short enough.
+        taken: the chosen blocks, with the priors that the data make likely.
         widened: factor on the covariance by held-out errors.
     """
 
@@ -71,6 +72,7 @@ class ElasticFit:
     residual: FloatArray
     steps: int
     converged: bool
+    taken: tuple[Candidate, ...]
     widened: float = 1.0
 
 
@@ -86,7 +88,7 @@ def fit_choice(observations: Observations, found: Fitted, choice: Choice) -> Ela
     use = _inliers(observations, fit)
     if (use != fit.use).any():
         fit = _fitted(observations, found, choice, use, fit.arm.values)
-    fit = _calibrated(fit, choice)
+    fit = _calibrated(fit)
     for rival, kept in choice.rivals:
         fit = _doubted(observations, fit, choice, rival, kept)
     return fit
@@ -121,7 +123,7 @@ def _fitted(
         joints = blocks[0]
         assert isinstance(joints, Joints)
         values[:n] = found.parameters.compliance / joints.scale
-    line = found.line
+    line, taken = found.line, choice.taken
     deflection, converged, steps = found.deflection, False, 0
     drawn = np.zeros_like(deflection)
     scatter = Scatter(np.zeros(n), max(choice.rms**2, 1e-12), np.zeros(n))
@@ -141,7 +143,7 @@ def _fitted(
         rows = rows_of(observations, residual, columns, line, use)
         if steps > 0:
             scatter = scatter_of(rows, rows.residual, rows.columns[:, :n], quick=not converged)
-        precision = prior_precision(choice.taken, scatter.variance)
+        precision = prior_precision(taken, scatter.variance)
         matrix = weighted(rows, rows.columns[:, :n], scatter, rows.columns)
         left = weighted(rows, rows.columns[:, :n], scatter, rows.residual)
         gram = matrix.T @ matrix + np.diag(precision)
@@ -150,6 +152,9 @@ def _fitted(
             break
         converged = steps > 1 and float(step @ gram @ step) <= CONVERGED**2 * scatter.variance
         values = values + step
+        if 0 < steps <= DRAWN:
+            spread = scatter.variance * np.diagonal(solve(gram, np.eye(size)))
+            taken = _with_likely_priors(taken, values, spread)
         steps += 1
     covariance = solve(gram, np.eye(size))
     effective = size - float(np.sum(precision * np.diagonal(covariance)))
@@ -172,7 +177,27 @@ def _fitted(
         residual=residual,
         steps=steps,
         converged=converged,
+        taken=taken,
     )
+
+
+def _with_likely_priors(
+    taken: tuple[Candidate, ...], values: FloatArray, spread: FloatArray
+) -> tuple[Candidate, ...]:
+    """A step of expectation maximisation of the priors' sizes, where a block has one.
+
+    Held-out cells chose among a few sizes; a prior that is too tight would bend what is large.
+    """
+    found, at = [], 0
+    for one in taken:
+        here = slice(at, at + one.block.size)
+        at = here.stop
+        if one.prior >= FLAT:
+            found.append(one)
+            continue
+        likely = float(np.sqrt(np.mean(values[here] ** 2 + spread[here])))
+        found.append(replace(one, prior=float(np.clip(likely, one.prior / 3.0, 3.0 * one.prior))))
+    return tuple(found)
 
 
 def _inliers(observations: Observations, fit: ElasticFit) -> BoolArray:
@@ -183,9 +208,9 @@ def _inliers(observations: Observations, fit: ElasticFit) -> BoolArray:
     return np.asarray(fit.rows.distances <= limit * max(float(typical), 1.0))
 
 
-def _calibrated(fit: ElasticFit, choice: Choice) -> ElasticFit:
+def _calibrated(fit: ElasticFit) -> ElasticFit:
     """Widen the covariance where held-out cells miss by more than it and the noise explain."""
-    rows, precision = fit.rows, prior_precision(choice.taken, fit.variance)
+    rows, precision = fit.rows, prior_precision(fit.taken, fit.variance)
     target = rows.residual + rows.columns @ fit.arm.values
     fold = rows.fold[rows.cell]
     gram, right = rows.columns.T @ rows.columns + np.diag(precision), rows.columns.T @ target
@@ -221,7 +246,7 @@ def _doubted(
     theirs = rows_of(observations, fit.residual, measured, fit.line, fit.use).columns
     mine = fit.rows.columns
     target = fit.rows.residual + mine @ fit.arm.values
-    precision = prior_precision(choice.taken, fit.variance)[~own]
+    precision = prior_precision(fit.taken, fit.variance)[~own]
     both = np.hstack([mine[:, ~own], theirs])
     gram = both.T @ both + np.diag(np.append(precision, np.zeros(form.size)))
     value = solve(gram, both.T @ target)[: precision.size]
