@@ -160,7 +160,8 @@ def cable_lengths_into(
             lengths[i] = np.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
         else:
             course = over_pulley(d0, d1, d2, cables[i]["axis"], radius)
-            lengths[i] = course[3] + radius * (np.pi - np.arctan2(course[5], course[4]))
+            _, _, _, straight, cosine, sine = course
+            lengths[i] = straight + radius * (np.pi - np.arctan2(sine, cosine))
 
 
 @njit(cache=True, error_model="numpy")
@@ -195,10 +196,10 @@ def departures_into(
             points[i, k] = base[k]
         if radius > 0.0:
             d0, d1, d2 = _from_base(cables[i], position, rotation)
-            course = over_pulley(d0, d1, d2, cables[i]["axis"], radius)
-            points[i, 0] += d0 + course[3] * course[0]
-            points[i, 1] += d1 + course[3] * course[1]
-            points[i, 2] += d2 + course[3] * course[2]
+            u0, u1, u2, straight, _, _ = over_pulley(d0, d1, d2, cables[i]["axis"], radius)
+            points[i, 0] += d0 + straight * u0
+            points[i, 1] += d1 + straight * u1
+            points[i, 2] += d2 + straight * u2
 
 
 def structure_matrix_unchecked(

@@ -103,9 +103,10 @@ class RigGeometry:
             in_range("pulley_radius", each, 0.0, PULLEY_MAX_M)
         set_field(self, "pulley_radius", radius)
         if self.pulley_axes is None:
-            held = self.platform_points @ self.reference_rotation.T + self.reference_position
+            points = self.platform_points @ self.reference_rotation.T + self.reference_position
             axes = np.zeros((n, 3))
-            axes[:, 2] = np.where(held[:, 2] <= self.base_points[:, 2], 1.0, -1.0)
+            for axis, held, base in zip(axes, points, self.base_points, strict=True):
+                axis[2] = 1.0 if held[2] <= base[2] else -1.0
         else:
             axes = unit_rows("pulley_axes", self.pulley_axes, n)
         across = self.motion.across
