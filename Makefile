@@ -144,6 +144,14 @@ bench-mismatch: setup  ## ladder of models on hidden robots: held-out deflection
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_mismatch.py $(ARGS)
 
+bench-coverage: setup  ## 95 % intervals against the truth, 1000 runs a case (goes on where it was; ARGS=--short: minutes)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_coverage.py $(ARGS)
+
+bench-fit: setup  ## speed of the fit against scipy's least_squares, time and memory of 100 000 samples
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_fit.py $(ARGS)
+
 bench-design: setup  ## count the loads that an optimal stiffness campaign saves
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_design.py $(ARGS)

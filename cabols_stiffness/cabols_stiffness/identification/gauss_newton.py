@@ -23,6 +23,9 @@ STEPS = 30
 CONVERGED = 1e-6
 """Length of a step, in standard deviations, below which the fit has converged."""
 
+FAST = 0.1
+"""Ratio of two steps' lengths below which the third is no more than the second by it."""
+
 EXACT = 1e-8
 """Length of a step, relative to the parameters, below which it has converged, too: exact data."""
 
@@ -201,7 +204,7 @@ def _gauss_newton(
     limit: int = STEPS,
 ) -> Fitted:
     """Iterate; weigh, if given, makes weights (k,) from squared distances (k,) at every step."""
-    parameters, steps, converged = start, 0, False
+    parameters, steps, converged, last = start, 0, False, 0.0
     weights = use.astype(np.float64)
     chosen = np.flatnonzero(model.estimated)
     while True:
@@ -224,7 +227,12 @@ def _gauss_newton(
         steps += 1
         if weigh is not None:
             weights = weigh(distances)
-        short = bool(np.linalg.norm(step) <= CONVERGED or np.linalg.norm(moved) <= EXACT)
+        size = float(np.linalg.norm(step))
+        # Steps shrink in a constant ratio: the next one is known where they shrink fast.
+        ratio = size / last if weigh is None and last > 0.0 else 1.0
+        expected = size * ratio if ratio < FAST else size
+        last = size
+        short = bool(expected <= CONVERGED or np.linalg.norm(moved) <= EXACT)
         converged = short and _close(before, parameters)
     inverse = right.T / np.maximum(singular, FREE)
     covariance = np.zeros((scale.size, scale.size))

@@ -27,6 +27,9 @@ SILENT = 10.0
 SAME = 1e-9
 """Relative singular value below which columns of offsets and drifts are one."""
 
+BITE = 1 << 21
+"""Numbers of groups that are taken out together."""
+
 DRIFT_SAMPLES = 6
 """Least number of samples of a group for which a drift is estimated beside its offset."""
 
@@ -56,9 +59,8 @@ def partial_of(samples: PointSamples | Samples) -> Partial | None:
     """
     if isinstance(samples, PointSamples):
         value, noise = samples.position, samples.position_covariance
-        middle = [_middle(value[samples.group == group]) for group in np.unique(samples.group)]
         _, group = np.unique(samples.group, return_inverse=True)
-        moved = value - np.array(middle).reshape(-1, 3)[group.ravel()]
+        moved = value - _middle(value, group.ravel())
     else:
         value, noise = samples.deflection, samples.deflection_covariance
         moved = value
@@ -79,10 +81,18 @@ def partial_of(samples: PointSamples | Samples) -> Partial | None:
     return Partial(directions.swapaxes(1, 2) / unit, seen)
 
 
-def _middle(value: FloatArray) -> FloatArray:
-    """(m,) medians over (k, m), of what was measured."""
-    known = [column[np.isfinite(column)] for column in value.T]
-    return np.array([np.median(column) if column.size else 0.0 for column in known])
+def _middle(value: FloatArray, group: IntArray) -> FloatArray:
+    """(k, m) medians over each sample's group (k,), of what was measured; 0 where nothing was."""
+    middle = np.empty_like(value)
+    for column, found in zip(value.T, middle.T, strict=True):
+        # Sorted by group, then value, with what is missing at the end of its group.
+        order = np.lexsort((column, group))
+        known = np.bincount(group, weights=np.isfinite(column)).astype(np.int64)
+        start = np.concatenate([[0], np.cumsum(np.bincount(group))[:-1]])
+        low = column[order[start + np.maximum(known - 1, 0) // 2]]
+        high = column[order[start + np.minimum(known // 2, np.maximum(known - 1, 0))]]
+        found[:] = np.where(known > 0, 0.5 * (low + high), 0.0)[group]
+    return middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,28 +264,66 @@ def _take_out(
     count = 0
     order = np.argsort(samples.group, kind="stable")
     starts = np.flatnonzero(np.diff(samples.group[order])) + 1
-    for members in np.split(order, starts) if order.size else []:
+    bounds = np.concatenate([[0], starts, [order.size]])
+    sizes = np.diff(bounds)
+    complete = np.add.reduceat(use[order], bounds[:-1], dtype=np.int64) == sizes
+    alike = complete & whole
+    for size in np.unique(sizes[alike]):
+        # Groups of one size, nothing of them left out: together, in bites of bounded memory.
+        first = bounds[:-1][alike & (sizes == size)]
+        bite = max(1, BITE // int(size * rows.shape[1] * rows.shape[2]))
+        for some in range(0, first.size, bite):
+            members = order[first[some : some + bite, None] + np.arange(size)]
+            count += _take_out_alike(rows, white, samples.time, members)
+    for begin, end in zip(bounds[:-1][~alike], bounds[1:][~alike], strict=True):
+        members = order[begin:end]
         used = use[members]
         if not used.any():
             continue
-        time = samples.time[members] - samples.time[members].mean()
-        spread = np.abs(time).max()
-        shared = white[members]
-        if used.sum() >= DRIFT_SAMPLES and spread > 0.0:
-            drift = shared * (time / spread)[:, None, None]
-            shared = np.concatenate([shared, drift], axis=2)
-        size, part = shared.shape[2], rows[members]
-        matrix, target = shared[used].reshape(-1, size), part[used].reshape(-1, part.shape[2])
+        shared = _shared(white, samples.time, members[None], int(used.sum()))[0]
+        width, part = shared.shape[2], rows[members]
+        matrix, target = shared[used].reshape(-1, width), part[used].reshape(-1, part.shape[2])
         if whole:
             basis, triangle = np.linalg.qr(matrix)
             common = np.linalg.solve(triangle, basis.T @ target)
         else:
             scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
             common, _, rank, _ = np.linalg.lstsq(matrix / scale, target, rcond=SAME)
-            common, size = common / scale[:, None], int(rank)
+            common, width = common / scale[:, None], int(rank)
         rows[members] = part - shared @ common
-        count += size
+        count += width
     return count
+
+
+def _take_out_alike(
+    rows: FloatArray, white: FloatArray, time: FloatArray, members: IntArray
+) -> int:
+    """Do so for groups (g, s) of s samples each."""
+    count = 0
+    drifting = np.ptp(time[members], axis=1) > 0.0
+    for which in (drifting, ~drifting):
+        here = members[which]
+        if here.size == 0:
+            continue
+        shared = _shared(white, time, here, here.shape[1])
+        groups, size, m, width = shared.shape
+        part = rows[here].reshape(groups, size * m, -1)
+        matrix = shared.reshape(groups, size * m, width)
+        basis, triangle = np.linalg.qr(matrix)
+        common = np.linalg.solve(triangle, basis.swapaxes(1, 2) @ part)
+        rows[here] = (part - matrix @ common).reshape(groups, size, m, -1)
+        count += groups * width
+    return count
+
+
+def _shared(white: FloatArray, time: FloatArray, members: IntArray, used: int) -> FloatArray:
+    """(g, s, m, m or 2 m) columns of the groups' offsets, and drifts where they are estimated."""
+    shared = white[members]
+    since = time[members] - time[members].mean(axis=1, keepdims=True)
+    spread = np.abs(since).max(axis=1, keepdims=True)
+    if used >= DRIFT_SAMPLES and (spread > 0.0).all():
+        shared = np.concatenate([shared, shared * (since / spread)[:, :, None, None]], axis=3)
+    return shared
 
 
 def start_stiffness(observations: Observations) -> FloatArray:

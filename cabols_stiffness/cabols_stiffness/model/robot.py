@@ -90,6 +90,12 @@ class Posture:
         return np.asarray(found - lower - turned if follows else found)
 
 
+def _times(matrices: FloatArray, matrix: FloatArray) -> FloatArray:
+    """(k, 3, m) products of matrices (k, 3, 3) with one (3, m), as a single product."""
+    flat = np.ascontiguousarray(matrices).reshape(-1, 3) @ matrix
+    return np.asarray(flat.reshape(matrices.shape[0], 3, matrix.shape[1]))
+
+
 def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
     """np.cross over the last axis, faster."""
     x, y, z = one[..., 0], one[..., 1], one[..., 2]
@@ -163,7 +169,7 @@ class RobotModel:
         points, axes = np.empty((k, n, 3)), np.empty((k, n, 3))
         for j in range(n):
             position = position + rotation @ self.origins[j]
-            rotation = rotation @ self.rotations[j]
+            rotation = _times(rotation, self.rotations[j])
             points[:, j], axes[:, j] = position, rotation @ self.joint_axes[j]
             if self.slides[j]:
                 position = position + joints[:, j, None] * axes[:, j]
@@ -171,7 +177,8 @@ class RobotModel:
             cross = cross_matrix(self.joint_axes[j])
             sine = np.sin(joints[:, j])[:, None, None]
             versine = (1.0 - np.cos(joints[:, j]))[:, None, None]
-            rotation = rotation @ (np.eye(3) + sine * cross + versine * (cross @ cross))
+            turned = _times(rotation, np.hstack([cross, cross @ cross]))
+            rotation = rotation + sine * turned[:, :, :3] + versine * turned[:, :, 3:]
         position = position + rotation @ self.flange_position
         rotation = rotation @ self.flange_rotation
         position = position + rotation @ self.tool_position

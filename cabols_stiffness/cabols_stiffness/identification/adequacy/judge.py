@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,6 @@ from scipy.stats import f as fisher
 from cabols_control.checks import FloatArray, IntArray
 from cabols_stiffness.identification.adequacy.normal import (
     CERTAIN,
-    Blocks,
     RandomEffects,
     are_different,
     blocks,
@@ -58,6 +58,9 @@ SATURATED = 0.45
 LARGE_FRICTION = 0.1
 """Share of the elastic torque that friction may take without that."""
 
+BUNCH = 4_000_000
+"""Numbers of suspects' columns that are whitened together."""
+
 INDEPENDENT = 1e-4
 """Relative singular value below which a suspect's columns are those of the joints."""
 
@@ -79,12 +82,9 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
         model: of that fit.
         travel: (n,) motion over which each joint's friction rises, 0 where there is none [rad].
     """
-    n, p = found.deflection.shape[1], found.columns.shape[2]
-    tried = suspects(observations, found, model.cubic)
-    columns = np.concatenate([found.columns, *tried.values()], axis=2)
-    rows = whiten(found.line, columns, observations.samples, found.use.astype(np.float64))
-    use = found.use
-    base, residual = rows.columns[use][:, :, :p], rows.residual[use]
+    n, use = found.deflection.shape[1], found.use
+    rows = whiten(found.line, found.columns, observations.samples, use.astype(np.float64))
+    base, residual = rows.columns[use], rows.residual[use]
     numbers: FloatArray = observations.numbers[use].astype(np.float64) - rows.shared / max(
         int(use.sum()), 1
     )
@@ -94,7 +94,10 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
     freedom = max(found.freedom, 1)
     chance = float(chi2.sf(found.chi_square, freedom))
     scattered = are_different(parts, differ)
-    named = _named(rows.columns[use], residual, p, tried, parts, configuration, scattered, found)
+    tried = _whitened(observations, found, suspects(observations, found, model.cubic))
+    freedom_left = parts.within_freedom if scattered else found.freedom
+    apart = configuration if scattered else 0 * configuration
+    named = _named(base, residual, tried, apart, max(freedom_left, 1), found)
     between = random_effects(parts, n) if scattered else None
     findings = [*named, *_magnitude(found), *_friction(found, travel)]
     inside = parts.variance if scattered else found.chi_square / freedom
@@ -155,38 +158,46 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
     )
 
 
+def _whitened(
+    observations: Observations, found: Fitted, tried: dict[Suspect, FloatArray]
+) -> Iterator[tuple[Suspect, FloatArray]]:
+    """Each suspect with its whitened columns (rows in use, m, p), a bounded number at a time."""
+    use, weights = found.use, found.use.astype(np.float64)
+    bunch: list[Suspect] = []
+    for suspect in [*tried, None]:
+        if suspect is not None:
+            bunch.append(suspect)
+            if sum(tried[one].size for one in bunch) < BUNCH:
+                continue
+        if bunch:
+            columns = np.concatenate([tried[one] for one in bunch], axis=2)
+            white = whiten(found.line, columns, observations.samples, weights).columns[use]
+            ends = np.cumsum([tried[one].shape[2] for one in bunch])[:-1]
+            yield from zip(bunch, np.split(white, ends, axis=2), strict=True)
+        bunch = []
+
+
 def _named(
     columns: FloatArray,
     residual: FloatArray,
-    p: int,
-    tried: dict[Suspect, FloatArray],
-    parts: Blocks,
-    configuration: IntArray,
-    scattered: bool,
+    tried: Iterable[tuple[Suspect, FloatArray]],
+    apart: IntArray,
+    freedom: int,
     found: Fitted,
 ) -> list[Finding]:
-    """Score tests; where configurations differ, each keeps parameters of its own beside them."""
+    """Score tests, beside parameters of its own for each number in apart (k,)."""
     target = residual.ravel()
-    base = columns[:, :, :p].reshape(target.size, p)
-    beside, freedom = base, max(found.freedom, 1)
-    if scattered:
-        own = [base * np.repeat(configuration == c, residual.shape[1])[:, None]
-               for c in parts.configuration]  # fmt: skip
-        beside, freedom = np.hstack(own), max(parts.within_freedom, 1)
-    length = np.linalg.norm(beside, axis=0)
-    beside = beside[:, length > 0.0] / length[length > 0.0]
-    left, singular, _ = np.linalg.svd(beside, full_matrices=False)
-    basis = left[:, singular > 1e-6 * singular[0]] if singular.size else left
-    rest = target - basis @ (basis.T @ target)
+    base = columns.reshape(target.size, -1)
+    p = base.shape[1]
+    bases = _bases(base, np.repeat(apart, residual.shape[1]))
+    rest = _across(bases, target[:, None])[:, 0]
     squares, deviation = float(rest @ rest), _deviation(base)
-    results, at = [], p
-    for suspect, own_columns in tried.items():
-        width = own_columns.shape[2]
-        matrix = columns[:, :, at : at + width].reshape(target.size, width)
-        at += width
+    results = []
+    for suspect, own_columns in tried:
+        matrix = own_columns.reshape(target.size, -1)
         length = np.linalg.norm(matrix, axis=0)
         matrix = matrix[:, length > 0.0] / length[length > 0.0]
-        across = matrix - basis @ (basis.T @ matrix)
+        across = _across(bases, matrix)
         directions, sizes, _ = np.linalg.svd(across, full_matrices=False)
         directions = directions[:, sizes > INDEPENDENT]
         count = directions.shape[1]
@@ -207,6 +218,27 @@ def _named(
         text = text_of(suspect, float(shift.max()))
         results.append(Finding(suspect, text, share, chance, float(shift.max()), grave))
     return results
+
+
+def _bases(base: FloatArray, apart: IntArray) -> list[tuple[IntArray, FloatArray]]:
+    """Rows of each number in apart (r,), and an orthonormal basis of base (r, p) there."""
+    found = []
+    order = np.argsort(apart, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(apart[order])) + 1):
+        own = base[rows]
+        length = np.linalg.norm(own, axis=0)
+        own = own[:, length > 0.0] / length[length > 0.0]
+        basis, singular, _ = np.linalg.svd(own, full_matrices=False)
+        found.append((rows, basis[:, singular > 1e-6 * singular[0]] if singular.size else basis))
+    return found
+
+
+def _across(bases: list[tuple[IntArray, FloatArray]], matrix: FloatArray) -> FloatArray:
+    """What the bases leave of matrix (r, c)."""
+    left = matrix.copy()
+    for rows, basis in bases:
+        left[rows] -= basis @ (basis.T @ matrix[rows])
+    return left
 
 
 def _deviation(base: FloatArray) -> FloatArray:
