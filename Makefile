@@ -152,6 +152,10 @@ bench-fit: setup  ## speed of the fit against scipy's least_squares, time and me
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_fit.py $(ARGS)
 
+table-scatter: setup  ## what the scatter of the source's table 4.3 can be: noise alone, joint by joint
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/table_scatter.py $(ARGS)
+
 bench-design: setup  ## count the loads that an optimal stiffness campaign saves
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_design.py $(ARGS)

@@ -138,10 +138,8 @@ def summary(journals):
         each = (inside & shown).sum(axis=0) / np.maximum(shown.sum(axis=0), 1)
         low = LEAST if name in DIFFER else BAND[0]
         high = 1.0 if name in DIFFER else BAND[1]
-        # Joints of one run are correlated, so runs count, not joints.
-        runs = len(entries)
-        tail = 0.5 * (1.0 - CERTAIN)
-        reach = (binom.ppf(tail, runs, low) / runs, binom.isf(tail, runs, high) / runs)
+        runs, tail = len(entries), 0.5 * (1.0 - CERTAIN)
+        reach = (binom.ppf(tail, total, low) / total, binom.isf(tail, total, high) / total)
         held = low <= share <= high if runs >= 1000 else reach[0] <= share <= reach[1]
         right &= bool(held)
         joints = " ".join(f"{100 * one:.1f}" for one in each)

@@ -42,10 +42,11 @@ def test_good_data_are_adequate(data):
     assert harmless(result, true)
 
 
-def test_every_mistake_is_refused_or_harmless(data):
+@pytest.mark.parametrize("part", range(6))
+def test_every_mistake_is_refused_or_harmless(data, part):
     design, samples, robot, true = data
     wrong = []
-    for name, change in lab.mistakes(design, robot.n):
+    for name, change in list(lab.mistakes(design, robot.n))[part::6]:
         found = outcome(lambda change=change: identify(change(samples), robot))
         if isinstance(found, CabolsError) or not found.adequate or harmless(found, true):
             continue
