@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.rig import Rig
@@ -46,53 +45,6 @@ class Motors:
         rate = (wanted - speed) / RESPONSE_S
         current = (wanted + self._time_constant * rate) / self._gain
         return pay_out_only(np.clip(current, -self._limit, self._limit), speed)
-
-
-@njit(cache=True)
-def _govern_into(
-    current: FloatArray,
-    speed: FloatArray,
-    most: FloatArray,
-    gain: FloatArray,
-    time_constant: FloatArray,
-    governed: FloatArray,
-) -> None:
-    """Fill governed (n,) with what Governor lets through of (n,) currents [A]."""
-    for i in range(current.shape[0]):
-        rate = (most[i] - speed[i]) / RESPONSE_S
-        allowed = (most[i] + time_constant[i] * rate) / gain[i]
-        governed[i] = min(current[i], max(allowed, 0.0))
-
-
-class Governor:
-    """Lets no motor wind in faster than full current can stop it while a fault's braking lasts.
-
-    Whoever commands, 50 ms of braking then suffice.
-    On the reference bench a step of 300 N in all eight cables just reaches it.
-    """
-
-    def __init__(self, rig: Rig) -> None:
-        """Take the limbs' model.
-
-        Args:
-            rig: limbs and limits.
-        """
-        self._gain = np.array(rig.limbs.gain)
-        self._time_constant = np.array(rig.limbs.time_constant)
-        full = self._gain / self._time_constant * rig.control.current_limit
-        self.most_speed = STOP_TIME_S * full
-        self._governed = np.zeros(self._gain.size)
-
-    def limit(self, current: FloatArray, speed: FloatArray) -> FloatArray:
-        """(n,) currents that let no motor become faster [A].
-
-        Args:
-            current: (n,) commanded [A].
-            speed: (n,) of the motors, winding in [m/s].
-        """
-        args = (self.most_speed, self._gain, self._time_constant, self._governed)
-        _govern_into(current, speed, *args)
-        return self._governed
 
 
 def pay_out_only(current: FloatArray, speed: FloatArray) -> FloatArray:

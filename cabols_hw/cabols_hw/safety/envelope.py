@@ -9,7 +9,7 @@ from cabols_control.naming import limb_name
 from cabols_control.rig import Rig
 from cabols_control.supervision.faults import OVERLOAD, FaultName
 from cabols_control.supervision.modes import LOADED, MOVING, OperatingMode
-from cabols_hw.bridge.braking import STILL_M_S
+from cabols_hw.bridge.braking import STILL_M_S, STOP_TIME_S
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety import limb_rules, rules
 from cabols_hw.safety.config import SafetyConfig
@@ -56,6 +56,9 @@ class SafetyEnvelope:
         self._limbs = np.zeros(n, limb_rules.LIMB_WATCH)
         self._limbs["slack_stretch"] = np.nan
         self._limbs["gain"], self._limbs["time_constant"] = rig.limbs.gain, rig.limbs.time_constant
+        drive = self._limbs["gain"] / self._limbs["time_constant"] * current_limit
+        self._limbs["most_speed"] = STOP_TIME_S * drive
+        self._allowed = self._limbs["allowed"]
         self._limbs["last_speed"] = self._limbs["began"] = np.nan
         self._wrench_watch = np.zeros(1, rules.WRENCH_WATCH)
         for name in ("wrench_max", "estimate_force", "estimate_torque", "estimate_time"):
@@ -86,6 +89,17 @@ class SafetyEnvelope:
         """(n,) of the motors, winding in [m/s]; 0 where it is not known."""
         speed: FloatArray = np.nan_to_num(self._limbs["last_speed"])
         return speed
+
+    @property
+    def most_speed(self) -> FloatArray:
+        """(n,) from which full current stops a motor that winds in within STOP_TIME_S [m/s]."""
+        most: FloatArray = self._limbs["most_speed"]
+        return most
+
+    @property
+    def allowed_current(self) -> FloatArray:
+        """(n,) currents that make no motor faster than that; a view [A]."""
+        return self._allowed
 
     @property
     def doubtful(self) -> BoolArray:
@@ -214,14 +228,14 @@ class SafetyEnvelope:
         if mode == self._mode:
             return
         self._mode, self._lowest_force = mode, np.inf
+        self._limb_limits["quantum"] = bridge.count_length
+        self._limb_limits["searches"] = mode in SEARCHING
+        self._limb_limits["follows"] = mode == OperatingMode.FREE_MOVING
         pretightening = mode == OperatingMode.PRETIGHTENING
         self._limbs["began"] = bridge.wound_length if pretightening else np.nan
 
     def _judge_limbs(self, dt_s: float, bridge: Bridge, acts: bool) -> BridgeFault | None:
         self._limb_limits["acts"] = acts
-        self._limb_limits["quantum"] = bridge.count_length
-        self._limb_limits["searches"] = self._mode in SEARCHING
-        self._limb_limits["follows"] = self._mode == OperatingMode.FREE_MOVING
         rule, i = limb_rules.judge_limbs(
             dt_s,
             self._limb_limits,

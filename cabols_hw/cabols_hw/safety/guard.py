@@ -8,7 +8,7 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.rig import Rig
 from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
-from cabols_hw.bridge.braking import Braking, Governor, Yielding, pay_out_only
+from cabols_hw.bridge.braking import Braking, Yielding, pay_out_only
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.bridge.unloading import Unloading
 from cabols_hw.bridge.watchdog import CommandWatchdog, merge_into
@@ -28,7 +28,6 @@ class BridgeGuard:
     Attributes:
         safety: the envelope; its `fault` is the one in force.
         braking: of motors that wind in.
-        governor: of their speed.
         unloading: the bridge's own unloading.
         yielding: to a platform whose pose is lost.
         ending: set to unload at the next sample, because the process is to end.
@@ -46,12 +45,12 @@ class BridgeGuard:
         n = rig.geometry.cables
         self.safety = SafetyEnvelope(rig, config, rig.control.current_limit)
         self.braking = Braking(rig)
-        self.governor = Governor(rig)
         self.unloading = Unloading(rig)
         self.yielding = Yielding(rig)
         self._watchdog = CommandWatchdog(n, watchdog_s)
         self._stiffness = rig.limbs.stiffness
         self._commanded = np.zeros(n)
+        self._allowed = np.zeros(n)
         self._rest = np.zeros(n)
         self._trusted: BoolArray = np.zeros(n, dtype=np.bool_)
         self._doubted: BoolArray = np.zeros(n, dtype=np.bool_)
@@ -161,7 +160,7 @@ class BridgeGuard:
             return self.power_on.bounded(mode, self._commanded)
         if mode == OperatingMode.COMMISSIONING:
             return self._commanded
-        return self.governor.limit(self._commanded, self.safety.speed)
+        return np.minimum(self._commanded, self.safety.allowed_current, out=self._allowed)
 
     def emergency_stop(self) -> None:
         """Cut, also an unloading of another fault; holds until STOPPED."""

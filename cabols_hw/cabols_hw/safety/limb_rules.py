@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import BoolArray, FloatArray
+from cabols_hw.bridge.braking import RESPONSE_S
 from cabols_hw.safety.rules import Rule
 
 OBSERVER_RATE = 200.0
@@ -69,7 +70,11 @@ LIMB_WATCH = np.dtype(
         ("motion_sign", np.float64),  # to which side
         ("modelled", np.float64),  # speed by the currents, whatever the encoder says [m/s]
         ("last_dt", np.float64),  # length of the sample before [s]
-        ("commanded", np.float64, (3,)),  # currents of the samples before, newest first [A]
+        ("before", np.float64),  # current of the sample before [A]
+        ("earlier", np.float64),  # of the one before that [A]
+        ("earliest", np.float64),  # likewise [A]
+        ("most_speed", np.float64),  # from which full current stops it in time [m/s]
+        ("allowed", np.float64),  # current that makes it no faster than that [A]
         ("surge", np.float64),  # samples in a row with a current beyond all of them; their sign
         ("open_s", np.float64),  # how long the switch has been open [s]; 0: it is closed
         ("slack_s", np.float64),  # how long the switch has called it slack, in FREE_MOVING [s]
@@ -159,6 +164,20 @@ def _model_speed(own: Any, speed: float, current: float, dt_s: float) -> None:
 
 
 @njit(cache=True)
+def _allowed_current(own: Any) -> float:
+    """Return the current with which a motor comes to its most speed, and no farther [A].
+
+    Args:
+        own: record of LIMB_WATCH of this sample.
+    """
+    speed, most = own["last_speed"], own["most_speed"]
+    if np.isnan(speed):
+        return np.inf
+    rate = (most - speed) / RESPONSE_S
+    return max(float((most + own["time_constant"] * rate) / own["gain"]), 0.0)
+
+
+@njit(cache=True)
 def _note_surge(own: Any, quantum: float, speed: float, current: float, dt_s: float) -> None:
     """Count the samples in a row in which a motor gets more current than anybody commanded.
 
@@ -175,12 +194,10 @@ def _note_surge(own: Any, quantum: float, speed: float, current: float, dt_s: fl
     """
     before = own["last_speed"]
     mean_s = 0.5 * (dt_s + own["last_dt"])
-    low, high = min(current, 0.0), max(current, 0.0)
-    for k in range(3):
-        low, high = min(low, own["commanded"][k]), max(high, own["commanded"][k])
-    for k in range(2, 0, -1):
-        own["commanded"][k] = own["commanded"][k - 1]
-    own["commanded"][0], own["last_dt"] = current, dt_s
+    low = min(current, own["before"], own["earlier"], own["earliest"], 0.0)
+    high = max(current, own["before"], own["earlier"], own["earliest"], 0.0)
+    own["earliest"], own["earlier"], own["before"] = own["earlier"], own["before"], current
+    own["last_dt"] = dt_s
     inertia = own["time_constant"] / own["gain"]
     shown = inertia * (speed - before) / mean_s + 0.5 * (speed + before) / own["gain"]
     allowed = SURGE_A + 2.0 * quantum * inertia / (dt_s * mean_s)
@@ -283,6 +300,7 @@ def judge_limbs(
             own["observed"] = speed
         own["last_wound"] = wound[i]
         own["last_speed"] = speed
+        own["allowed"] = _allowed_current(own)
         if np.isnan(speed):
             own["observed"] = 0.0
         missing = 0.0 if np.isnan(speed) else OBSERVER_RATE * (speed - own["observed"])
