@@ -6,7 +6,7 @@ import pytest
 
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.in_process.command import SEEDS, run_generated
-from cabols_sim.fault_campaign.in_process.kinds import STATES, generated_kinds
+from cabols_sim.fault_campaign.in_process.kinds import STATES, WIRED, generated_kinds
 from cabols_sim.fault_campaign.in_process.summary import generated_holds, summarise_generated
 from cabols_sim.fault_campaign.in_process.trials import Bench, run_trial
 from cabols_sim.fault_campaign.kinds import KINDS
@@ -28,7 +28,7 @@ def test_plan_is_large_and_names_every_kind_once():
     kinds = generated_kinds()
     names = [one.name for one in kinds]
     assert len(set(names)) == len(names) >= 120
-    assert {one.state for one in kinds} == set(STATES)
+    assert {one.state for one in kinds} == {*STATES, WIRED}
     assert SEEDS * len(kinds) + 20 * len(KINDS) >= 3000
     assert 20 * len(KINDS) >= 600
 
@@ -60,6 +60,7 @@ def made(**changes):
         "healthy": True,
         "latent": False,
         "amplifier": False,
+        "beyond_drive_n": None,
         "within_s": 0.05,
         "detected": True,
         "detection_time_s": 0.01,
@@ -82,10 +83,38 @@ def test_claims_hold_and_each_is_broken_by_its_own_trial():
         {"peak_tension_n": 150.1},
         {"peak_axes": [0.0, 0.0, 0.0, 0.0, 0.0, 15.1]},
         {"healthy": False},
+        {"amplifier": True, "beyond_drive_n": 0.1},
     )
     for changes in broken:
         assert not generated_holds(summarise_generated([made(), made(seed=1, **changes)])), changes
     assert not generated_holds(summarise_generated([]))
+
+
+def test_motor_that_coasts_after_its_amplifiers_fault_is_counted_apart():
+    coasts = made(amplifier=True, safe_time_s=0.3, beyond_drive_n=-5.0)
+    summary = summarise_generated([coasts])
+    assert summary["coasting"] == 1
+    assert summary["slow_to_safe"] == 0
+
+
+SECOND = ("amplifier delivers all", "encoder jumps", "motor of the highest jams")
+
+
+@pytest.mark.parametrize("name", SECOND)
+@pytest.mark.parametrize("seed", range(3))
+def test_second_fault_with_a_harder_reaction_must_be_found(bench, name, seed):
+    one = kind(f"second fault: {name}")
+    trial = run_trial(bench, one, seed)
+    assert not one.latent
+    assert trial["detected"]
+    assert trial["peak_tension_n"] <= 150.0
+
+
+@pytest.mark.parametrize("name", ["motors exchanged", "both reversed", "gauges reversed"])
+def test_wrong_wiring_is_found_also_where_the_check_was_left_out(bench, name):
+    trial = run_trial(bench, kind(f"wired wrongly: {name}"), 5)
+    assert trial["detected"]
+    assert trial["peak_tension_n"] < 100.0
 
 
 def test_latent_kinds_need_no_report_but_keep_the_bounds():

@@ -58,7 +58,6 @@ class SafetyEnvelope:
         self._limbs["gain"], self._limbs["time_constant"] = rig.limbs.gain, rig.limbs.time_constant
         drive = self._limbs["gain"] / self._limbs["time_constant"] * current_limit
         self._limbs["most_speed"] = STOP_TIME_S * drive
-        self._allowed = self._limbs["allowed"]
         self._limbs["last_speed"] = self._limbs["began"] = np.nan
         self._wrench_watch = np.zeros(1, rules.WRENCH_WATCH)
         for name in ("wrench_max", "estimate_force", "estimate_torque", "estimate_time"):
@@ -99,12 +98,14 @@ class SafetyEnvelope:
     @property
     def allowed_current(self) -> FloatArray:
         """(n,) currents that make no motor faster than that; a view [A]."""
-        return self._allowed
+        allowed: FloatArray = self._limbs["allowed"]
+        return allowed
 
     @property
     def doubtful(self) -> BoolArray:
         """(n,) limbs whose motion and current do not fit: their encoders may have stopped."""
-        doubtful: BoolArray = self._limbs["motion_s"] > 0.0
+        behind = self._limbs["modelled"] - self.speed > BEHIND_M_S
+        doubtful: BoolArray = behind | (self._limbs["motion_s"] > 0.0)
         return doubtful
 
     @property
@@ -121,13 +122,10 @@ class SafetyEnvelope:
     def braking_speed(self, doubted: BoolArray) -> FloatArray:
         """(n,) speeds, winding in: of doubted limbs by the currents, of others by encoders [m/s].
 
-        An encoder that shows much less than the current says is not believed either.
-
         Args:
             doubted: (n,) limbs whose encoders are not believed.
         """
-        modelled, speed = self._limbs["modelled"], self.speed
-        return np.where(doubted | (modelled - speed > BEHIND_M_S), modelled, speed)
+        return np.where(doubted, self._limbs["modelled"], self.speed)
 
     def judge(
         self, now_s: float, bridge: Bridge, mode: OperatingMode, recovers: bool = False
@@ -211,6 +209,15 @@ class SafetyEnvelope:
         beyond = bridge.tared and bool((np.abs(bridge.wrench) > self._wrench_max).any())
         overloaded = beyond or (sensor is not None and sensor.name == OVERLOAD)
         self._relief_left_s = self._config.relief_time if overloaded else 0.0
+
+    def robot_moves(self, now_s: float, mode: OperatingMode) -> bool:
+        """Whether the robot may move: in FREE_MOVING, and on a path that it announces.
+
+        Args:
+            now_s: of the sample [s].
+            mode: operating mode.
+        """
+        return mode == OperatingMode.FREE_MOVING or (mode in LOADED and self._pose.on_path(now_s))
 
     def relieves(self, mode: OperatingMode) -> bool:
         """Whether FREE_MOVING is removing an overload that it found, the only way out of one.

@@ -84,3 +84,5 @@ POSE_LOST: frozenset[FaultName] = frozenset(
     {FaultName.POSE, FaultName.POSE_SPEED, FaultName.POSE_AGE}
 )
 """Faults after which the platform may move without a pose: the limbs give way by their switches."""
+FOLLOWED: frozenset[FaultName] = frozenset({FaultName.COMMAND_AGE, FaultName.MOTION})
+"""Faults that are cut, but after which the limbs give way to a robot that may still move."""

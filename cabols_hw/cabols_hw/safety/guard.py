@@ -14,7 +14,7 @@ from cabols_hw.bridge.unloading import Unloading
 from cabols_hw.bridge.watchdog import CommandWatchdog, merge_into
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.envelope import SafetyEnvelope
-from cabols_hw.safety.faults import BRAKED, POSE_LOST, BridgeFault, Reaction
+from cabols_hw.safety.faults import BRAKED, FOLLOWED, POSE_LOST, BridgeFault, Reaction
 from cabols_hw.safety.first_power_on import PowerOnBound
 
 
@@ -215,23 +215,27 @@ class BridgeGuard:
             # Its zero may be wrong. Without one the limb only pays out by its encoder.
             self._trusted[fault.limb] = False
         self._unloads = fault.reaction == Reaction.UNLOAD
-        # In FREE_MOVING the robot may move on, and a switch needs neither pose nor sensor.
-        follows = mode == OperatingMode.FREE_MOVING
-        follows = follows and (self._unloads or fault.name == FaultName.COMMAND_AGE)
-        self._yields = fault.name in POSE_LOST or follows
-        self._doubted[:] = self.safety.doubtful if fault.name == FaultName.MOTION else False
+        self._doubted[:] = self.safety.doubtful
         if fault.name == FaultName.ENCODER:
             self._doubted[fault.limb] = True
-        if fault.name in BRAKED and not (fault.name == FaultName.MOTION and self.safety.drives):
+        sound = fault.name in BRAKED and not (fault.name == FaultName.MOTION and self.safety.drives)
+        # A robot that may move goes on for a while, and a switch needs neither pose nor sensor.
+        follows = self.safety.robot_moves(now_s, mode) and sound
+        follows = follows and (self._unloads or fault.name in FOLLOWED)
+        self._yields = fault.name in POSE_LOST or follows
+        if fault.name == FaultName.MOTION:
+            self._trusted &= ~self._doubted
+        if sound:
             self.braking.begin(now_s)
 
     def _recover(self, now_s: float, bridge: Bridge) -> None:
         """Take the reaction's next step."""
-        speed = self.safety.speed
-        if self.braking.active and self._doubted.any() and self.safety.drives:
+        speed = self.safety.braking_speed(self._doubted)
+        fault = self.fault
+        if fault is not None and fault.name == FaultName.MOTION and self.safety.drives:
             self._rest_all()
         if self.braking.active:
-            self.braking.step(now_s, self.safety.braking_speed(self._doubted))
+            self.braking.step(now_s, speed)
         if self.braking.active:
             return
         tension = self.safety.tension_bound

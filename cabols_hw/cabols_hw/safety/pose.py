@@ -77,13 +77,21 @@ class PoseWatch:
             found = min(PATH_MARGIN * speed, most), min(PATH_MARGIN * turning, most_turning)
             self._path = PathSpeeds(*found, now_s + PATH_HELD_S)
 
+    def on_path(self, now_s: float) -> bool:
+        """Whether the robot announces a path.
+
+        Args:
+            now_s: of the newest sample [s].
+        """
+        return now_s <= self._path.until_s
+
     def _allowed(self, now_s: float, mode: OperatingMode) -> tuple[float, float]:
         """Speed [m/s] and rotation speed [rad/s] that are allowed now."""
         config = self._config
         if mode not in STANDING:
             return config.speed_free, config.rotation_speed_free
         allowed = config.speed_loaded, config.rotation_speed_loaded
-        if mode not in LOADED or not now_s <= self._path.until_s:
+        if mode not in LOADED or not self.on_path(now_s):
             return allowed
         return max(allowed[0], self._path.speed), max(allowed[1], self._path.turning)
 

@@ -28,6 +28,8 @@ SPRING_END_N, BREAK_N = 150.0, 890.0
 """Ends of the plant's limbs: of the spring, and of the cable."""
 POSE_EVERY, POSE_LAG = 4, 6
 """Samples between two poses, and a pose's age in samples when it arrives."""
+PATH_EVERY = 50
+"""Samples between two announcements of a path."""
 HEARTBEAT_S, BRAKE_S = 0.12, 0.3
 """From the bridge's fault until the robot begins to brake (a beat and its silence), and braking."""
 
@@ -93,6 +95,7 @@ class LockstepRig:
         now_s: of the newest sample [s].
         limb_controller_runs: whether the limb controller answers.
         wrench_controller_runs: whether the wrench controller answers.
+        path: speed [m/s] and rotation speed [rad/s] that the robot announces; None: no path.
         change_current: what a wrong controller makes of its (n,) currents [A].
         change_tension: what a wrong controller makes of its (n,) tensions [N].
         change_pose: what becomes of a pose on its way; None: it is lost.
@@ -120,6 +123,7 @@ class LockstepRig:
         self.now_s = 0.0
         self.start_again(None)
         self.limb_controller_runs = self.wrench_controller_runs = True
+        self.path: tuple[float, float] | None = None
         self.change_current: Callable[[FloatArray], FloatArray] | None = None
         self.change_tension: Callable[[FloatArray], FloatArray] | None = None
         self.change_pose: (
@@ -207,6 +211,8 @@ class LockstepRig:
         return current if self.change_current is None else self.change_current(current)
 
     def _tell_pose(self) -> None:
+        if self.path is not None and self._tick % PATH_EVERY == 0:
+            self.guard.safety.allow_path(self.now_s, *self.path)
         if self._tick % POSE_EVERY == 0:
             pose = self.robot.position.copy(), self.robot.rotation.copy()
             self._poses.append((self._tick + POSE_LAG, self.now_s, *pose))

@@ -14,6 +14,18 @@ SENSOR_RANGE = (165.0, 165.0, 495.0, 15.0, 15.0, 15.0)
 """Force [N] and torque [N m] along x, y, z."""
 
 
+BROKEN = (
+    "undetected",
+    "late",
+    "slow_to_safe",
+    "beyond_drive",
+    "tension_exceeded",
+    "robot_exceeded",
+    "unusable",
+)
+"""Counts that must be zero."""
+
+
 def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return one row for each kind, and the claims, counted by trials.
 
@@ -24,7 +36,8 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for trial in trials:
         by_kind.setdefault(trial["kind"], []).append(trial)
     judged = [t for t in trials if not t["latent"]]
-    safe = [t["safe_time_s"] for t in trials if t["detected"]]
+    found = [t for t in trials if t["detected"]]
+    safe = [t["safe_time_s"] for t in found]
     return {
         "rows": [_row(kind, mine) for kind, mine in by_kind.items()],
         "kinds": len(by_kind),
@@ -32,7 +45,9 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "must_detect": len(judged),
         "undetected": sum(not t["detected"] for t in judged),
         "late": sum(t["detected"] and t["detection_time_s"] > t["within_s"] for t in judged),
-        "slow_to_safe": sum(value > SAFE_WITHIN_S for value in safe),
+        "slow_to_safe": sum(t["safe_time_s"] > SAFE_WITHIN_S for t in found if not t["amplifier"]),
+        "coasting": sum(t["safe_time_s"] > SAFE_WITHIN_S for t in found if t["amplifier"]),
+        "beyond_drive": sum((t["beyond_drive_n"] or 0.0) > 0.0 for t in trials),
         "safe_median_s": float(np.median(safe)) if safe else 0.0,
         "peak_tension_n": max((t["peak_tension_n"] for t in trials), default=0.0),
         "tension_exceeded": sum(t["peak_tension_n"] > TENSION_N for t in trials),
@@ -50,8 +65,7 @@ def generated_holds(summary: dict[str, Any]) -> bool:
     Args:
         summary: of summarise_generated.
     """
-    broken = ("undetected", "late", "slow_to_safe", "tension_exceeded", "robot_exceeded")
-    return summary["trials"] > 0 and not any(summary[name] for name in (*broken, "unusable"))
+    return summary["trials"] > 0 and not any(summary[name] for name in BROKEN)
 
 
 def _beyond(trial: dict[str, Any]) -> bool:
@@ -99,7 +113,9 @@ def generated_text(summary: dict[str, Any]) -> str:
         f"\n{summary['trials']} trials of {summary['kinds']} kinds in one process; to be detected "
         f"{summary['must_detect']}: undetected {summary['undetected']}, later than the kind's "
         f"bound {summary['late']}.\nNot safe within {1e3 * SAFE_WITHIN_S:.0f} ms of detection "
-        f"{summary['slow_to_safe']}, median {1e3 * summary['safe_median_s']:.1f} ms. Beyond "
+        f"{summary['slow_to_safe']}, median {1e3 * summary['safe_median_s']:.1f} ms; motors that "
+        f"coast for longer after their own amplifier's fault {summary['coasting']}, of them "
+        f"beyond what 3 ms of it give {summary['beyond_drive']}. Beyond "
         f"{TENSION_N:g} N {summary['tension_exceeded']} (of them by an amplifier "
         f"{summary['tension_exceeded_amplifier']}), highest {summary['peak_tension_n']:.1f} N; "
         f"robot beyond the sensor's range {summary['robot_exceeded']}; "

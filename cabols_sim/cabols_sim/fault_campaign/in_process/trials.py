@@ -11,17 +11,23 @@ from cabols_control.rig import load_rig
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.card.config import load_card
 from cabols_hw.safety.config import load_safety
-from cabols_sim.fault_campaign.in_process.kinds import GeneratedKind
+from cabols_sim.fault_campaign.in_process.kinds import WIRED, WIRED_S, GeneratedKind
 from cabols_sim.fault_campaign.in_process.rig import PERIOD_S, LockstepRig
 from cabols_sim.fault_campaign.judgement import TOLERANCE_N
 from cabols_sim.plant.config import load_plant
 
 LOAD_N, TORQUE_NM = 100.0, 2.0
 ROBOT_M_S = 0.06
+PATH_LOAD_N, PATH_M_S, TURNING_RAD_S = 60.0, (0.02, 0.04), 0.02
+"""What a path under load carries, and how fast it goes."""
 WATCHED_S, AFTER_S = 2.5, 0.8
 """Longest trial, and how long it goes on after its detection [s]."""
 SEARCH_S = 4.0
 """Longest trial in PRETIGHTENING: from slack cables to the search's length and more [s]."""
+CREEP_N = 1.0
+"""Growth that is left when a rig counts as safe, as of a robot that still brakes [N]."""
+FULL_A, OFF_S, DRIVE_MARGIN = 5.0, 0.003, 1.2
+"""An amplifier's own current that counts as full [A]; it must be off by then [s], within 20 %."""
 HARMLESS_N = 50.0
 """A third of what a spring bears: growth below it leaves a rig safe [N]."""
 PLANTS = 4
@@ -83,6 +89,8 @@ class Bench:
             seed: of the trial.
             random: of the trial.
         """
+        if state == WIRED:
+            return self.started(seed)
         if state in ("started", "pretightening"):
             rig = self.started(seed)
             tightens = state == "pretightening"
@@ -101,8 +109,21 @@ class Bench:
         direction = random.normal(size=3)
         direction /= np.linalg.norm(direction)
         rig.mode = OperatingMode.LOADING
-        rig.desired = np.concatenate([LOAD_N * direction, TORQUE_NM * direction])
+        load_n = PATH_LOAD_N if state == "path under load" else LOAD_N
+        rig.desired = np.concatenate([load_n * direction, TORQUE_NM * direction])
         rig.run(0.8 + random.uniform(0.0, 0.05))
+        if state == "path under load":
+            way = random.normal(size=3)
+            speed = random.uniform(*PATH_M_S)
+            rig.path = speed, TURNING_RAD_S
+            rig.robot.move(speed * way / np.linalg.norm(way))
+            rig.run(random.uniform(0.4, 1.0))
+        if state == "stopped":
+            rig.guard.emergency_stop()
+            rig.mode = OperatingMode.FAULT
+            rig.run(0.3)
+            rig.mode = OperatingMode.STOPPED
+            rig.run(random.uniform(0.1, 0.3))
         if state == "second fault":
             rig.change_pose = lambda *_: None
             rig.run(0.5, lambda: rig.guard.fault is not None)
@@ -127,12 +148,19 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
     struck_s = rig.now_s
     before = float(rig.plant.tension.max())
     kind.disturbance.strike(rig, random)
+    driven = _driven(rig)
     fault_before = rig.guard.fault
-    watched_s = SEARCH_S if kind.state == "pretightening" else WATCHED_S
+    watched_s = {"pretightening": SEARCH_S, WIRED: WIRED_S}.get(kind.state, WATCHED_S)
+    if kind.state == WIRED:
+        rig.mode = OperatingMode.PRETIGHTENING
     found_s, end_s = np.inf, struck_s + watched_s
-    rows = []
+    rows, beyond = [], -np.inf
     while rig.now_s < end_s - 0.5 * PERIOD_S:
         rig.cycle()
+        if kind.state == WIRED and rig.mode == OperatingMode.PRETIGHTENING:
+            _go_on(rig, random)
+        for limb, bound in driven.items():
+            beyond = max(beyond, float(rig.plant.tension[limb]) - bound)
         rows.append((rig.now_s, rig.plant.tension.max(), rig.plant.wrench.copy()))
         if not np.isfinite(found_s) and rig.guard.fault is not fault_before:
             found_s = rig.now_s
@@ -148,6 +176,7 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
         "healthy": bool(healthy),
         "latent": kind.latent,
         "amplifier": kind.disturbance.amplifier,
+        "beyond_drive_n": beyond if driven else None,
         "within_s": kind.disturbance.within_s,
         "detected": bool(np.isfinite(found_s)),
         "detection_time_s": float(found_s - struck_s) if np.isfinite(found_s) else None,
@@ -160,11 +189,35 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
     }
 
 
+def _driven(rig: LockstepRig) -> dict[int, float]:
+    """Return the tension [N] that each limb may reach whose amplifier delivers all by itself.
+
+    The amplifier is off within OFF_S; the motor then coasts by v T, in all k i t_off.
+    """
+    limbs, found = rig.rig.limbs, {}
+    for limb in rig.plant.faults.limbs_with("amplifier_offset"):
+        offset = rig.plant.faults.value("amplifier_offset")
+        if offset >= FULL_A:
+            gain = float(np.asarray(limbs.gain)[limb])
+            current = offset + max(float(rig.plant.current[limb]), 0.0)
+            added = DRIVE_MARGIN * limbs.stiffness * gain * current * OFF_S
+            found[limb] = float(rig.plant.tension[limb]) + added
+    return found
+
+
+def _go_on(rig: LockstepRig, random: np.random.Generator) -> None:
+    """Load a rig once all its limbs have zeros."""
+    if rig.bridge.zeroed.all():
+        direction = random.normal(size=3)
+        rig.mode = OperatingMode.LOADING
+        rig.desired[:3] = PATH_LOAD_N * direction / np.linalg.norm(direction)
+
+
 def _safe_s(times: FloatArray, tension: FloatArray, found_s: float, before: float) -> float | None:
     """Time from detection until no tension grows any more [s]; None if nothing was detected.
 
-    Growth by TOLERANCE_N, and below HARMLESS_N, does not count: a robot that brakes stretches
-    cables whose motors stand.
+    Where it never grows by TOLERANCE_N, or stays below HARMLESS_N, that is at once; else it is the
+    first instant from which on the highest tension grows by CREEP_N at most.
     """
     if not np.isfinite(found_s):
         return None
@@ -173,4 +226,6 @@ def _safe_s(times: FloatArray, tension: FloatArray, found_s: float, before: floa
     after = times > found_s
     if not after.any() or not tension[after].max() > reference:
         return 0.0
-    return float(times[after][int(np.argmax(tension[after]))] - found_s)
+    later = tension[after]
+    highest = np.maximum.accumulate(later[::-1])[::-1]
+    return float(times[after][int(np.argmax(highest - later <= CREEP_N))] - found_s)
