@@ -187,7 +187,7 @@ class ControlNode(Node):
         self.status = Status(self, self.lockstep)
         self.outputs["loop_status"] = self.status.output()
         self._compiled: dict[str, int] | None = None
-        self.hardware = f"rig {self.rig_folder.name}"
+        self.hardware = f"rig {self.rig_folder.name} {self.rig_folder.fingerprint}"
         diagnostics = Diagnostics(self, self.status.snapshot, lambda: self.hardware)
         self.status.on_change = lambda: hand_over(self, diagnostics.tell)
         go_on()
