@@ -14,6 +14,8 @@ from cabols_control.naming import cable_name
 MIN_CABLES = 6
 WEIGHT_LENGTH_M = 0.15
 """Torque counts as force at this radius, the reference platform's, in the default weights."""
+LARGEST_ENTRY = 1e99
+"""Components of a wrench beyond this count as not finite: their squares would overflow."""
 DEFAULT_WEIGHTS = (1.0, 1.0, 1.0, *[1.0 / WEIGHT_LENGTH_M] * 3)
 
 
@@ -78,7 +80,7 @@ def check_wrench(wrench: ArrayLike) -> FloatArray:
         ShapeError: if it is not (6,) or not finite (beyond 1e100 counts as not finite).
     """
     array = finite_array("wrench", wrench, (6,))
-    if not np.abs(array).max() < 1e99:
+    if not np.abs(array).max() < LARGEST_ENTRY:
         raise ShapeError(f"wrench: expected components below 1e99, got {array}; check the units")
     return array
 

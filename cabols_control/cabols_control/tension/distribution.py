@@ -11,8 +11,9 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError, ShapeError
 
 from .arguments import check_limits, check_matrix, check_weights, check_wrench
+from .calls import SOFTENED, STATUS_MASK, STEP_BITS, distribute_each_entry, distribute_entry
 from .kernels.basis import prepare_pose
-from .kernels.work_array import EXACT, FEASIBLE, INVALID, ITERATIONS, LOSS, work_size
+from .kernels.work_array import EXACT, FEASIBLE, INFEASIBLE, INVALID, ITERATIONS, LOSS, work_size
 from .methods import CHOICES, DEFAULT_EXPONENT, choose_prepared, set_method
 from .references.daqp_fallback import solve_daqp
 from .references.enumeration import enumerate_active_sets
@@ -21,6 +22,10 @@ from .solution import TensionSolution
 Exact = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], tuple[FloatArray | None, int]]
 _EXACT: dict[str, Exact] = {"kkt_enumeration": enumerate_active_sets, "daqp": solve_daqp}
 METHODS = (*CHOICES, *_EXACT)
+_PLAIN = "min_norm"
+_NATIVE = np.dtype(np.float64)
+_empty = np.empty
+_new = tuple.__new__
 
 
 def distribute(
@@ -28,7 +33,7 @@ def distribute(
     wrench: ArrayLike,
     tension_min: ArrayLike,
     tension_max: ArrayLike,
-    method: str = "min_norm",
+    method: str = _PLAIN,
     weights: ArrayLike | None = None,
     exponent: float = DEFAULT_EXPONENT,
     exact: bool = False,
@@ -81,6 +86,30 @@ def distribute(
         Taghirad and Bedoustani 2011 (thesis (3.5)-(3.8), whose cases under (3.8) are stated the
         wrong way round: mu_i > 0 only where tau_i = tau_min), upper limits added.
     """
+    if method == _PLAIN and weights is None and exponent is DEFAULT_EXPONENT:
+        # Arrays as the compiled code takes them, with its checks; all else is converted, or refused
+        # with a reason, below.
+        try:
+            if A.dtype is not _NATIVE or wrench.dtype is not _NATIVE:  # type: ignore[union-attr]
+                raise TypeError
+            tension, residual = _empty(A.shape[1]), _empty(6)  # type: ignore[union-attr]
+            if type(tension_min) is float and type(tension_max) is float:
+                entry = distribute_entry
+            elif tension_min.dtype is _NATIVE and tension_max.dtype is _NATIVE:  # type: ignore[union-attr]
+                entry = distribute_each_entry
+            else:
+                raise TypeError
+            code = entry(A, wrench, tension_min, tension_max, exact, tension, residual)
+            status, steps, loss = code & STATUS_MASK, code >> STEP_BITS, 0.0
+            if code & SOFTENED:  # seldom: once more, with a place for what was given up
+                more = _empty(tension.shape[0] + 1)
+                entry(A, wrench, tension_min, tension_max, exact, more, residual)
+                loss = more.item(-1)
+            if status <= INFEASIBLE:
+                feasible = status == FEASIBLE
+                return _new(TensionSolution, (tension, feasible, residual, _PLAIN, steps, loss))
+        except (TypeError, AttributeError, IndexError):
+            pass
     if method not in METHODS:
         raise CabolsError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     matrix, target = check_matrix(A), check_wrench(wrench)

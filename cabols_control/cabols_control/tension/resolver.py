@@ -27,8 +27,9 @@ from .arguments import (
     refuse_wrench,
 )
 from .calls import (
-    STATUS_BITS,
+    SOFTENED,
     STATUS_MASK,
+    STEP_BITS,
     detect_entry,
     solve_at_entry,
     solve_at_into_entry,
@@ -118,8 +119,8 @@ class TensionResolver:
         status = code & STATUS_MASK
         if status > INFEASIBLE:
             refuse_wrench(wrench)
-        loss = self.work.item(LOSS)
-        steps = code >> STATUS_BITS
+        loss = self.work.item(LOSS) if code & SOFTENED else 0.0
+        steps = code >> STEP_BITS
         return _new(TensionSolution, (tension, status == 0, residual, _METHOD, steps, loss))
 
     def solve_into(self, wrench: FloatArray, tension: FloatArray) -> bool:
@@ -268,8 +269,8 @@ class RigTensionResolver:
         if status > INFEASIBLE:
             self._refuse_pose(position, rotation)
             refuse_wrench(wrench)
-        loss = self.work.item(LOSS)
-        steps = code >> STATUS_BITS
+        loss = self.work.item(LOSS) if code & SOFTENED else 0.0
+        steps = code >> STEP_BITS
         return _new(TensionSolution, (tension, status == 0, residual, _METHOD, steps, loss))
 
     def _refuse_pose(self, position: ArrayLike, rotation: ArrayLike) -> None:

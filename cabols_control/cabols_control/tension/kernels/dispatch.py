@@ -11,9 +11,17 @@ from .basis import prepare_pose
 from .eight_cables import solve_fixed_eight, solve_pose_eight
 from .faces import choose_on_face, choose_on_line
 from .general import least_norm
-from .nearest import CHOOSE, DESCEND, descend, nearest_from_conflict, start_from_limits
+from .nearest import (
+    CHOOSE,
+    DESCEND,
+    descend,
+    exchange_blocks,
+    nearest_from_conflict,
+    start_from_limits,
+)
 from .plane import pseudo_inverse_tension, solve_line, solve_plane, solve_point
 from .smooth import soften, steep
+from .softened import NO_LOSS, UNSETTLED, miss_length, soften_nearest, start_from_conflict
 from .static_size import EIGHT, Size, cables, compiled, inlined
 from .work_array import (
     CABLES,
@@ -140,6 +148,18 @@ def _reached(work: FloatArray, target: Six, largest: float) -> bool:
 
 
 @compiled
+def _fill_loss(work: FloatArray, target: Six, tension: FloatArray) -> None:
+    """Write the loss of softened tensions for eight cables, whose sides are written."""
+    softened = miss_length(work, EIGHT, target, tension)
+    spare = work[at_vector(8, _DETECT) : at_vector(8, _DETECT) + 8]
+    for i in range(8):
+        spare[i] = tension[i]
+    if exchange_blocks(work, EIGHT, target, spare) == DESCEND:
+        descend(work, EIGHT, target, spare)
+    work[LOSS] = max(softened - miss_length(work, EIGHT, target, spare), 0.0)
+
+
+@compiled
 def _solve(
     work: FloatArray,
     size: Size,
@@ -158,6 +178,15 @@ def _solve(
             soften(work, size, target, True, saved, tension_out)
         clip_and_subtract(work, size, wrench, tension_out, residual_out)
         return FEASIBLE
+    if smooth and planar:
+        e = start_from_conflict(work, EIGHT, tension_out)
+        done = soften_nearest(work, EIGHT, target, e, tension_out)
+        if done != UNSETTLED:
+            clip_and_subtract(work, EIGHT, wrench, tension_out, residual_out)
+            if done == NO_LOSS:
+                _fill_loss(work, target, tension_out)
+            return INFEASIBLE
+        pseudo_inverse_tension(work, EIGHT, target, tension_out)
     todo = DESCEND
     if planar:
         todo = nearest_from_conflict(work, EIGHT, target, tension_out)
@@ -267,6 +296,44 @@ def _rig_views(work: FloatArray) -> tuple[Any, FloatArray]:
 
 
 @inlined
+def solve_unprepared(
+    work: FloatArray,
+    A: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    wrench: FloatArray,
+    tension_out: FloatArray,
+    residual_out: FloatArray,
+) -> int:
+    """`solve_prepared` where the structure matrix and limits in `work` are new.
+
+    Args:
+        work: work array with number of cables, structure matrix, ordered limits and weights in
+            their places.
+        A: (6, n) view of the structure matrix in it.
+        low: (n,) view of the lower limits in it [N].
+        high: (n,) view of the upper limits in it [N].
+        wrench: (6,) [N], [N m], base axes.
+        tension_out: (n,) tensions [N], inside the limits.
+        residual_out: (6,) A @ tension_out - wrench.
+
+    Returns:
+        Status as `solve_prepared`.
+    """
+    n = int(work[CABLES])
+    work[LOSS] = 0.0
+    if not (n == 8 and solve_pose_eight(work, low, high, wrench, tension_out)):
+        prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
+        return solve_prepared(work, wrench, tension_out, residual_out)
+    for row in range(6):
+        total = -wrench[row]
+        for i in range(8):
+            total += A[row, i] * tension_out[i]
+        residual_out[row] = total
+    return FEASIBLE
+
+
+@inlined
 def solve_at_pose(
     work: FloatArray,
     position: FloatArray,
@@ -292,18 +359,9 @@ def solve_at_pose(
     n = int(work[CABLES])
     limits = at_limits(n)
     low, high = work[limits : limits + n], work[limits + n : limits + 2 * n]
-    rig, A = _rig_views(work)
-    structure_matrix_into(rig, position, rotation, A)
-    work[LOSS] = 0.0
-    if not (n == 8 and solve_pose_eight(work, low, high, wrench, tension_out)):
-        prepare_pose(A, low, high, work[at_weights(n) : at_weights(n) + 6], work)
-        return solve_prepared(work, wrench, tension_out, residual_out)
-    for row in range(6):
-        total = -wrench[row]
-        for i in range(8):
-            total += A[row, i] * tension_out[i]
-        residual_out[row] = total
-    return FEASIBLE
+    cables, A = _rig_views(work)
+    structure_matrix_into(cables, position, rotation, A)
+    return solve_unprepared(work, A, low, high, wrench, tension_out, residual_out)
 
 
 @compiled

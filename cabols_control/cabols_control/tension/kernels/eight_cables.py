@@ -107,14 +107,14 @@ def _plane_eight(work: FloatArray, null: int, steepest: float, tension: FloatArr
         tension[i] = min(max(value, work[_LIMITS + i]), work[_LIMITS + _N + i])
     if along == 0.0:
         return abs(foot) <= steepest
-    # A corner: the multiplier of the other limit grows as the two lines become parallel.
+    # A corner: the multiplier of the other limit grows as the two lines become parallel. It is
+    # |along| square / least, and 1 / sqrt(square) of it as much again for this one.
     square, least, near = ux * ux + uy * uy, 2.0, AT_LIMIT * work[SCALE]
     for i in range(_N):
         slope = abs(work[null + _N + i] * ux - work[null + i] * uy)
         room = min(tension[i] - work[_LIMITS + i], work[_LIMITS + _N + i] - tension[i])
         least = slope if room <= near and PARALLEL < slope < least else least
-    other = abs(along) * square / least
-    return abs(foot) + other * (1.0 + 1.0 / math.sqrt(square)) <= steepest
+    return abs(along) * (square + math.sqrt(square)) <= (steepest - abs(foot)) * least
 
 
 @compiled

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from cabols_control.checks import FloatArray
 
 from .plane import PARALLEL, pseudo_inverse_tension
@@ -42,16 +44,15 @@ def _combine(
 
 
 @compiled
-def project_on_facet(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> bool:
-    """Project the wrench on the hyperplane that the conflict names; sides from what results.
+def _multipliers(
+    work: FloatArray, size: Size, tension: FloatArray
+) -> tuple[int, int, float, float, float, float, float, float]:
+    """Cables b, c of the conflict, limits of a and b, multipliers m of all three, and their gap.
 
-    With multipliers m, sum m_i N_i = 0 over the conflict, y = pinv(B)^T m is the normal:
-    y . (B t) = m . t for every t. Returns True if the other tensions keep their limits, which
-    makes the projection the nearest wrench (up to the least norm on its face).
+    sum m_i N_i = 0, and sum m_i (t_i - limit_i) is what no tension can change.
     """
     n = cables(size)
-    limits, inverse = at_limits(n), at_inverse(n)
-    nx, ny, side = at_basis(n) + 6 * n, at_basis(n) + 7 * n, at_vector(n, SIDE)
+    limits, nx, ny = at_limits(n), at_basis(n) + 6 * n, at_basis(n) + 7 * n
     a, b, c = int(work[CONFLICT]), int(work[CONFLICT + 1]), int(work[CONFLICT + 2])
     b = max(b, 0)
     ax, ay, bx, by = work[nx + a], work[ny + a], work[nx + b], work[ny + b]
@@ -67,6 +68,43 @@ def project_on_facet(work: FloatArray, size: Size, target: Six, tension: FloatAr
     if ma == 0.0:  # a cable whose tension the wrench alone decides
         ma = 1.0
     gap = ma * (tension[a] - at_a) + mb * (tension[b] - at_b) + mc * (tension[c] - at_c)
+    return b, c, at_a, at_b, ma, mb, mc, gap
+
+
+@compiled
+def facet_distance(work: FloatArray, size: Size, tension: FloatArray) -> float:
+    """How far the wrench is beyond the hyperplane that the conflict names, weighted metric.
+
+    Args:
+        work: work array with the plane solver's conflict in its header.
+        size: number of cables.
+        tension: (n,) pseudo-inverse tensions [N].
+    """
+    n = cables(size)
+    inverse = at_inverse(n)
+    b, c, _, _, ma, mb, mc, gap = _multipliers(work, size, tension)
+    a = int(work[CONFLICT])
+    square = 0.0
+    for k in range(6):
+        y = _combine(work, inverse + k * n, ma, a, mb, b, mc, c)
+        square += y * y
+    return abs(gap) / math.sqrt(square)
+
+
+@compiled
+def project_on_facet(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> bool:
+    """Project the wrench on the hyperplane that the conflict names; sides from what results.
+
+    With multipliers m, sum m_i N_i = 0 over the conflict, y = pinv(B)^T m is the normal:
+    y . (B t) = m . t for every t. Returns True if the other tensions keep their limits, which
+    makes the projection the nearest wrench (up to the least norm on its face).
+    """
+    n = cables(size)
+    limits, inverse = at_limits(n), at_inverse(n)
+    nx, ny, side = at_basis(n) + 6 * n, at_basis(n) + 7 * n, at_vector(n, SIDE)
+    b, c, at_a, at_b, ma, mb, mc, gap = _multipliers(work, size, tension)
+    a = int(work[CONFLICT])
+    ax, ay, bx, by = work[nx + a], work[ny + a], work[nx + b], work[ny + b]
     y0 = _combine(work, inverse, ma, a, mb, b, mc, c)
     y1 = _combine(work, inverse + n, ma, a, mb, b, mc, c)
     y2 = _combine(work, inverse + 2 * n, ma, a, mb, b, mc, c)

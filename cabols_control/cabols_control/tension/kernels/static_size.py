@@ -18,6 +18,7 @@ inlined = njit(cache=True, error_model="numpy", boundscheck=False, inline="alway
 Size = int | tuple[int, ...]
 
 EIGHT = (0, 0, 0, 0, 0, 0, 0, 0)
+FIVE = (0, 0, 0, 0, 0)
 
 
 def cables(size: Size) -> int:
