@@ -63,6 +63,7 @@ LOAD_PROGRAM = NodeSpec(
         "program",
         "scale",
         "preview",
+        "learn",
         "exit_when_done",
     ),
     fifo_below=2,
@@ -224,6 +225,7 @@ ARGUMENTS = (
     Argument("program", "", "load programme to run at the first LOADING"),
     Argument("scale", 1.0, "factor on the programme's wrench", bounds=(-10.0, 10.0)),
     Argument("preview", True, "follow programmes without lag: smoothed, and previewed"),
+    Argument("learn", False, "learn from each run of a programme for its next one; needs preview"),
     Argument("exit_when_done", False, "end everything after the programme"),
     Argument(
         "state_timeout",

@@ -105,7 +105,7 @@ def shape_program(
     # An odd number of points, so that windows are centred; not more than the bandwidth permits.
     box = max(2 * int(0.5 * (width / PERIOD_S - 1.0)) + 1, 3)
     half = BOXES * (box - 1) // 2
-    ahead = round((design.preview_delay + 0.5 * held_s) / PERIOD_S)
+    ahead = _ahead(design, held_s)
     lead, tail = half + ahead + DERIVATIVES, half + DERIVATIVES
     points = int(np.ceil(program.duration / PERIOD_S)) + 1
     # The window reaches beyond both ends of what is followed.
@@ -124,6 +124,32 @@ def shape_program(
         lead=PERIOD_S * lead,
         bandwidth=BOX_BANDWIDTH / (box * PERIOD_S),
     )
+
+
+def aim_at(
+    shaped: ShapedProgram, correction: FloatArray, design: ControlConfig, held_s: float = 0.0
+) -> ShapedProgram:
+    """Aim beside the smoothed curve, which stays what the wrench is meant to be.
+
+    Args:
+        shaped: the programme.
+        correction: (k, 6) smooth, added to what the reference aims at [N, N m].
+        design: as `shape_program`.
+        held_s: as `shape_program`.
+
+    Returns:
+        The same programme with another reference.
+    """
+    extra = _divide(correction, design)
+    ahead = _ahead(design, held_s)
+    extra = np.vstack([extra[ahead:], np.repeat(extra[-1:], ahead, axis=0)])
+    reference = shaped.reference.sample(shaped.smoothed.time) + extra
+    return replace(shaped, reference=replace(shaped.reference, wrench=reference))
+
+
+def _ahead(design: ControlConfig, held_s: float) -> int:
+    """Points by which a reference comes early: the loop's delay, and what it is held for."""
+    return round((design.preview_delay + 0.5 * held_s) / PERIOD_S)
 
 
 def _clock(first: int, end: int) -> FloatArray:

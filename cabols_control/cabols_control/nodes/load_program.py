@@ -17,6 +17,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_control.frames import load_wrench_frames
 from cabols_control.load_programs.feasibility import ProgramCheck, check_shaped
+from cabols_control.load_programs.lessons import School
 from cabols_control.load_programs.motor_demand import fastest_preview
 from cabols_control.load_programs.preview import ShapedProgram, as_given
 from cabols_control.load_programs.programs import load_program
@@ -62,6 +63,8 @@ class LoadProgramNode(ControlNode):
         self._preview = declare_row(self, CONTROL_NODES.argument("preview"))
         rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
         self._held_s = 0.0 if self.paced else 1.0 / rate
+        learns = declare_row(self, CONTROL_NODES.argument("learn"))
+        self._school = School(self.rig, self._held_s) if learns and self._preview else None
         geometry = self.rig.geometry
         self._frames = load_wrench_frames(geometry, self.rig_folder)
         self._reference: Place = (geometry.reference_position, geometry.reference_rotation)
@@ -96,6 +99,9 @@ class LoadProgramNode(ControlNode):
             self._loop = ControlLoop(self, self._wrench, [self._mode], self._answer, True)
             self._loop.prepare = self.prepare_thread
         else:
+            if self._school is not None:
+                platform = topics.wrench_layout(self.rig.geometry.platform_frame)
+                self._wrench = Input(self, "wrench", platform)
             self._loop = Ticker(self.context, 1.0 / rate, self._tick)
         self.create_service(CheckProgram, "check_program", self._check)
         self._server = serve(self, RunProgram, "run_program", self._judge, self._execute)
@@ -112,7 +118,8 @@ class LoadProgramNode(ControlNode):
             program = replace(program, wrench=self._frames.to_base(frame, program.wrench, *place))
         if not self._preview:
             return as_given(program)
-        return fastest_preview(program, self.rig, *place, self._held_s)
+        shaped = fastest_preview(program, self.rig, *place, self._held_s)
+        return shaped if self._school is None else self._school.apply(shaped, *place)
 
     def begin(self) -> None:
         """Start publishing."""
@@ -141,6 +148,9 @@ class LoadProgramNode(ControlNode):
             self._advance(1e-9 * now_ns)
             if self._running is not None:
                 self._publish(now_ns)
+                if self._school is not None:
+                    self._wrench.take()
+                    self._note()
         self._end_if_asked()
 
     def _answer(self) -> None:
@@ -148,8 +158,16 @@ class LoadProgramNode(ControlNode):
         with self._lock:
             self._advance(1e-9 * stamp_ns)
             self._publish(stamp_ns)
+            if self._school is not None and self._running is not None:
+                self._note()
         self.status.cycle(stamp_ns, RUNNING)
         self._end_if_asked()
+
+    def _note(self) -> None:
+        """Keep the newest measured wrench for what the run teaches."""
+        record = self._wrench.record
+        if record is not None and self._school is not None:
+            self._school.note(1e-9 * self._wrench.stamp_ns - self._began_s, record["wrench"])
 
     def _end_if_asked(self) -> None:
         """After the programme request STOPPED; end when it is reached, or after a second."""
@@ -202,6 +220,8 @@ class LoadProgramNode(ControlNode):
 
     def _start(self, program: ShapedProgram) -> None:
         self._running, self._began_s, self._verdict = program, self._now_s, ""
+        if self._school is not None:
+            self._school.begin(program)
         self.get_logger().info(f"programme {program.name}: {program.duration:g} s")
 
     def _finish(self, verdict: str, code: ResultCode) -> None:
@@ -209,6 +229,8 @@ class LoadProgramNode(ControlNode):
         self._frame, self._placed = self._frames.names[0], None
         self._code = code
         self.get_logger().info(verdict or "programme done")
+        if self._school is not None and code == ResultCode.DONE:
+            self.get_logger().info(self._school.finish())
 
     def _publish(self, stamp_ns: int) -> None:
         program, time_s = self._running, self._now_s - self._began_s

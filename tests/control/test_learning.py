@@ -1,0 +1,184 @@
+"""Learning over runs of a programme: convergence, bounds, storage, forgetting."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.load_programs.learning import (
+    LARGEST_SHARE,
+    apply_learnt,
+    fingerprint,
+    learn,
+    load_learnt,
+    nothing_learnt,
+    save_learnt,
+)
+from cabols_control.load_programs.lessons import School
+from cabols_control.load_programs.preview import shape_program
+from cabols_control.load_programs.programs import LoadProgram
+from cabols_control.rig import load_rig
+
+RIG = load_rig()
+PLACE = (np.array(RIG.geometry.reference_position), np.eye(3))
+
+
+def program(frequency=0.5, duration=4.0):
+    time = np.arange(0.0, duration, 0.001)
+    fade = np.clip(np.minimum(time, duration - time), 0.0, 1.0)
+    wrench = np.zeros((time.size, 6))
+    wrench[:, 0] = 40.0 * fade * np.sin(2.0 * np.pi * frequency * time)
+    return LoadProgram("sine", time, wrench, held=False)
+
+
+def loop(shaped, gain=1.0, delay_s=0.0, friction=0.0):
+    """What is felt: the designed response by scipy, with a gain and delay that nobody knows."""
+    poles, zero = np.asarray(RIG.control.poles), -abs(RIG.control.zero)
+    numerator = np.prod(-poles) * np.array([-1.0 / zero, 1.0])
+    late = round((RIG.control.preview_delay + delay_s) / 0.001)
+    felt = np.zeros_like(shaped.smoothed.wrench)
+    column = shaped.reference.wrench[:, 0]
+    _, out, _ = lsim((numerator, np.poly(poles)), column, shaped.smoothed.time)
+    felt[late:, 0] = gain * out[: out.size - late]
+    felt[:, 0] -= friction * np.sign(np.gradient(felt[:, 0]))
+    return felt
+
+
+def rms(shaped, felt):
+    return float(np.sqrt(np.mean((felt - shaped.smoothed.wrench)[:, 0] ** 2)))
+
+
+@pytest.mark.parametrize(
+    ("gain", "delay_s", "friction"), [(1.05, 0.0, 0.0), (0.9, 0.006, 0.3), (1.0, -0.002, 0.5)]
+)
+def test_the_error_shrinks_run_by_run(gain, delay_s, friction):
+    shaped = shape_program(program(), RIG.control)
+    learnt, followed, found = nothing_learnt(shaped, "a"), shaped, []
+    for _ in range(5):
+        felt = loop(followed, gain, delay_s, friction)
+        found.append(rms(shaped, felt))
+        learnt, forgotten = learn(learnt, shaped, shaped.smoothed.time, felt)
+        assert not forgotten
+        followed = apply_learnt(shaped, learnt, RIG, 0.0)
+    assert found[-1] < 0.25 * found[0] + 0.25 * friction
+    np.testing.assert_allclose(learnt.history[:, 0], found)
+    # What is asked for, and what errors count against, is as before.
+    np.testing.assert_array_equal(followed.smoothed.wrench, shaped.smoothed.wrench)
+    np.testing.assert_array_equal(followed.command.wrench, shaped.command.wrench)
+
+
+def test_a_correction_has_a_bound_and_no_high_frequencies():
+    shaped = shape_program(program(), RIG.control)
+    learnt = nothing_learnt(shaped, "a")
+    noise = np.random.default_rng(0).normal(0.0, 1.0, shaped.smoothed.wrench.shape)
+    wrong = np.full_like(shaped.smoothed.wrench, 1000.0)
+    learnt, _ = learn(learnt, shaped, shaped.smoothed.time, -wrong)
+    peak = np.abs(shaped.smoothed.wrench).max()
+    assert np.abs(learnt.correction).max() <= LARGEST_SHARE * peak + 1e-9
+    learnt, _ = learn(
+        nothing_learnt(shaped, "a"), shaped, shaped.smoothed.time, shaped.smoothed.wrench + noise
+    )
+    window = np.hanning(learnt.correction.shape[0])
+    spectrum = np.abs(np.fft.rfft(window * learnt.correction[:, 0]))
+    frequency = np.fft.rfftfreq(learnt.correction.shape[0], 0.001)
+    assert spectrum[frequency > 30.0].max() < 1e-3 * spectrum[frequency < 10.0].max()
+
+
+def test_a_change_of_the_target_is_forgotten():
+    shaped = shape_program(program(), RIG.control)
+    learnt, _ = learn(
+        nothing_learnt(shaped, "a"), shaped, shaped.smoothed.time, 0.98 * shaped.smoothed.wrench
+    )
+    assert learnt.runs == 1
+    learnt, forgotten = learn(learnt, shaped, shaped.smoothed.time, 0.8 * shaped.smoothed.wrench)
+    assert forgotten
+    assert learnt.runs == 0
+    assert not learnt.correction.any()
+
+
+def test_it_is_stored_and_found_again(tmp_path):
+    shaped = shape_program(program(), RIG.control)
+    mark = fingerprint(shaped, RIG, *PLACE)
+    learnt, _ = learn(
+        nothing_learnt(shaped, mark), shaped, shaped.smoothed.time, 0.9 * shaped.smoothed.wrench
+    )
+    path = save_learnt(learnt, tmp_path / "learnt")
+    again = load_learnt(shaped, fingerprint(shaped, RIG, *PLACE), path.parent)
+    np.testing.assert_array_equal(again.correction, learnt.correction)
+    np.testing.assert_array_equal(again.history, learnt.history)
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(ConfigError, match="delete it"):
+        load_learnt(shaped, mark, path.parent)
+
+
+def test_it_holds_for_one_programme_rig_and_pose():
+    shaped = shape_program(program(), RIG.control)
+    mark = fingerprint(shaped, RIG, *PLACE)
+    moved = PLACE[0] + np.array([0.005, 0.0, 0.0])
+    control = replace(RIG.control, preview_bandwidth=RIG.control.preview_bandwidth + 1.0)
+    others = {
+        fingerprint(shape_program(program(0.6), RIG.control), RIG, *PLACE),
+        fingerprint(shape_program(program().scaled(1.1), RIG.control), RIG, *PLACE),
+        fingerprint(shaped, RIG, moved, PLACE[1]),
+        fingerprint(shaped, replace(RIG, control=control), *PLACE),
+    }
+    assert len(others) == 4
+    assert mark not in others
+    assert mark == fingerprint(shaped, RIG, PLACE[0] + 1e-5, PLACE[1])
+
+
+@pytest.mark.parametrize("kept", [slice(0, 2000), slice(500, None)])
+def test_a_run_that_was_cut_teaches_nothing(kept):
+    shaped = shape_program(program(), RIG.control)
+    with pytest.raises(CabolsError, match="whole run"):
+        learn(
+            nothing_learnt(shaped, "a"),
+            shaped,
+            shaped.smoothed.time[kept],
+            shaped.smoothed.wrench[kept],
+        )
+
+
+def test_another_programmes_correction_is_refused():
+    shaped = shape_program(program(), RIG.control)
+    other = shape_program(program(duration=3.0), RIG.control)
+    with pytest.raises(CabolsError, match="another programme"):
+        apply_learnt(shaped, nothing_learnt(other, "a"), RIG, 0.0)
+
+
+def test_a_session_keeps_what_its_runs_taught(tmp_path):
+    """Also over a restart; measured wrenches come in platform axes."""
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    plain = shape_program(program(), RIG.control)
+    errors = []
+    for _ in range(3):
+        school = School(RIG, 0.0, tmp_path)
+        followed = school.apply(plain, PLACE[0], turn)
+        school.apply(shape_program(program(0.7), RIG.control), PLACE[0], turn)  # a check beside it
+        school.begin(followed)
+        felt = loop(followed, 0.95)
+        errors.append(rms(plain, felt))
+        in_platform = (felt.reshape(-1, 2, 3) @ turn).reshape(-1, 6)
+        for time_s, wrench in zip(plain.smoothed.time[::4], in_platform[::4], strict=True):
+            school.note(time_s, wrench)
+        assert school.finish().startswith(f"run {len(errors)} of this programme")
+    assert errors[2] < 0.3 * errors[0]
+    assert "no wrench" in School(RIG, 0.0, tmp_path).finish()
+    school.forget(plain, PLACE[0], turn)
+    again = School(RIG, 0.0, tmp_path).apply(plain, PLACE[0], turn)
+    np.testing.assert_array_equal(again.reference.wrench, plain.reference.wrench)
+
+
+def test_a_run_that_was_cut_is_not_learnt_from(tmp_path):
+    plain = shape_program(program(), RIG.control)
+    school = School(RIG, 0.0, tmp_path)
+    school.begin(school.apply(plain, *PLACE))
+    for time_s in plain.smoothed.time[:500]:
+        school.note(time_s, np.zeros(6))
+    assert "whole run" in school.finish()
+    assert not list(tmp_path.iterdir())
