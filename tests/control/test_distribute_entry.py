@@ -83,6 +83,8 @@ def test_other_forms_of_arrays_give_the_same():
         (np.asfortranarray(RIG), WRENCH),
         (wide[:, ::2], np.repeat(WRENCH, 2)[::2]),
         (RIG.tolist(), tuple(WRENCH)),
+        (RIG.view(np.ma.MaskedArray), WRENCH.view(np.ma.MaskedArray)),
+        (RIG, WRENCH.astype(object)),
     ]
     read_only = RIG.copy()
     read_only.flags.writeable = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numba.core.errors import NumbaError
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray
@@ -24,6 +25,7 @@ _EXACT: dict[str, Exact] = {"kkt_enumeration": enumerate_active_sets, "daqp": so
 METHODS = (*CHOICES, *_EXACT)
 _PLAIN = "min_norm"
 _NATIVE = np.dtype(np.float64)
+_ARRAY = np.ndarray
 _empty = np.empty
 _new = tuple.__new__
 
@@ -90,12 +92,16 @@ def distribute(
         # Arrays as the compiled code takes them, with its checks; all else is converted, or refused
         # with a reason, below.
         try:
-            if A.dtype is not _NATIVE or wrench.dtype is not _NATIVE:  # type: ignore[union-attr]
+            # A subclass may be a masked array, which numba takes for a plain one.
+            plain = type(A) is _ARRAY and A.dtype is _NATIVE
+            if not (plain and type(wrench) is _ARRAY and wrench.dtype is _NATIVE):
                 raise TypeError
             tension, residual = _empty(A.shape[1]), _empty(6)  # type: ignore[union-attr]
             if type(tension_min) is float and type(tension_max) is float:
                 entry = distribute_entry
-            elif tension_min.dtype is _NATIVE and tension_max.dtype is _NATIVE:  # type: ignore[union-attr]
+            elif type(tension_min) is _ARRAY and type(tension_max) is _ARRAY:
+                if not (tension_min.dtype is _NATIVE and tension_max.dtype is _NATIVE):
+                    raise TypeError
                 entry = distribute_each_entry
             else:
                 raise TypeError
@@ -108,7 +114,7 @@ def distribute(
             if status <= INFEASIBLE:
                 feasible = status == FEASIBLE
                 return _new(TensionSolution, (tension, feasible, residual, _PLAIN, steps, loss))
-        except (TypeError, AttributeError, IndexError):
+        except (TypeError, AttributeError, IndexError, NumbaError):
             pass
     if method not in METHODS:
         raise CabolsError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
