@@ -1,0 +1,341 @@
+"""Pure logic of the pose estimator: robot, encoders, sensor and tracker against each other.
+
+At each sample the sensor's wrench is compared with what the springs give by the robot's pose and
+the encoders. Where noise does not explain what is left for a while, moments at different poses are
+gathered, and every suspect whose effect explains them stays a candidate: exchanged encoders and a
+wrong tool also the moments before, since zeroing, when all seemed to agree. What alone explains
+them is named. The tracker is compared at each of its measurements; it is named where the cables
+agree with the robot and could tell if they did not, or where it agreed before.
+
+It observes: nothing here stops or moves anything. What acts on it must judge its answers itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from cabols_control.checks import FloatArray
+from cabols_control.geometry import RigGeometry
+from cabols_control.kinematics import structure_matrix
+
+from .hypotheses import (
+    Fault,
+    Frame,
+    Suspect,
+    effect,
+    suspects_of,
+    tool_columns,
+    tool_residual,
+    unknowns,
+)
+
+NEVER = 1e-9
+"""Probability of what noise does not explain, of one sample."""
+DOUBTFUL = 1e-6
+"""Probability below which a suspect does not explain what was gathered."""
+FRAMES = 10
+"""Moments that are gathered at most."""
+APART_M, APART_RAD = 2e-3, 0.01
+"""Motion between two of them."""
+TOOL_STD = np.array([0.1] * 3 + [0.2] * 3)
+"""Of a wrong tool, standard deviations [m], [rad]: what is larger is no tool's error."""
+TOOL_STEPS = 3
+"""Of Gauss-Newton."""
+TURN_FOR_TOOL = np.deg2rad(5.0)
+"""Turn over which a wrong tool can be told from all else."""
+
+
+@dataclass(frozen=True)
+class AgreementNoise:
+    """What counts as agreement.
+
+    Attributes:
+        force: standard deviation of the sensor's force [N].
+        torque: likewise [N m].
+        stiffness: of each k_e, relative.
+        length: of a length by encoder and robot's pose, each cable [m].
+        reflector: of a reflector's place by the robot's pose, each axis [m].
+        samples: in a row that noise must not explain, until something is wrong.
+    """
+
+    force: float = 0.1
+    torque: float = 0.01
+    stiffness: float = 0.01
+    length: float = 1e-4
+    reflector: float = 2e-4
+    samples: int = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """What the sources say.
+
+    Attributes:
+        agree: whether noise explains all differences.
+        named: what disagrees with the others, where it can be told.
+        candidates: what may; more than one until it can be told, none where all agree, or where
+            nothing that is known of explains what is seen.
+        position: (3,) of the platform by all of them, base frame [m].
+        rotation: (3, 3) from platform to base axes.
+        covariance: (6, 6) of position [m] and rotation vector [rad], base axes.
+    """
+
+    agree: bool
+    named: Suspect | None
+    candidates: tuple[Suspect, ...]
+    position: FloatArray
+    rotation: FloatArray
+    covariance: FloatArray
+
+
+class AgreementMonitor:
+    """Compares the sources of the platform's pose, sample by sample."""
+
+    def __init__(
+        self,
+        geometry: RigGeometry,
+        stiffness: FloatArray,
+        noise: AgreementNoise | None = None,
+        robot_std: tuple[float, float] = (5e-4, 1e-3),
+    ) -> None:
+        """Start without zeros: nothing is judged until `zero`.
+
+        Args:
+            geometry: of n cables.
+            stiffness: (n,) k_e [N/m].
+            noise: what counts as agreement.
+            robot_std: standard deviations of the robot's position [m] and turn [rad].
+        """
+        self.geometry, self.stiffness = geometry, np.asarray(stiffness, dtype=np.float64)
+        self._cables = geometry.records()
+        self.noise = noise or AgreementNoise()
+        self._prior = np.diag(np.repeat(np.square(robot_std), 3))
+        self._suspects = suspects_of(geometry.cables)
+        self._zero: Frame | None = None
+        self._before: list[Frame] = []
+        self._frames: list[Frame] = []
+        self._newest: Frame | None = None
+        self._in_doubt, self._most_turned = 0, 0.0
+        self._tracker: tuple[Suspect, ...] = ()
+        self._tracker_named = self._tracker_agreed = False
+        self._judged: tuple[Suspect | None, tuple[Suspect, ...]] = (None, ())
+
+    def zero(self, position: FloatArray, rotation: FloatArray, wound: FloatArray) -> None:
+        """Take the moment at which the limbs were zeroed; what was gathered is forgotten.
+
+        Args:
+            position: (3,) by the robot [m].
+            rotation: (3, 3) by the robot.
+            wound: (n,) wound in by the encoders [m].
+        """
+        self._wound_at_zero = np.array(wound, dtype=np.float64)
+        matrix = structure_matrix(self.geometry, position, rotation)
+        still = np.zeros(len(wound))
+        self._zero = Frame(
+            residual=np.zeros(6),
+            covariance=np.eye(6),
+            matrix=matrix,
+            tension=still,
+            wound=still,
+            rotation=np.array(rotation),
+            position=np.array(position),
+        )
+        self._before, self._frames, self._most_turned = [], [], 0.0
+        self._in_doubt, self._judged = 0, (None, ())
+        self._tracker, self._tracker_named, self._tracker_agreed = (), False, False
+
+    def cables(
+        self,
+        position: FloatArray,
+        rotation: FloatArray,
+        wound: FloatArray,
+        tension: FloatArray,
+        wrench: FloatArray,
+    ) -> Agreement | None:
+        """Take one sample.
+
+        Args:
+            position: (3,) by the robot, base frame [m].
+            rotation: (3, 3) by the robot.
+            wound: (n,) wound in by the encoders [m].
+            tension: (n,) k_e times elongation [N].
+            wrench: (6,) of the cables on the platform by the sensor, about the platform's origin,
+                base axes [N, N m].
+
+        Returns:
+            What the sources say; None before the zeros, or where the sample is not finite.
+        """
+        given = np.concatenate([position, np.ravel(rotation), wound, tension, wrench])
+        if self._zero is None or not np.isfinite(given).all():
+            return None
+        matrix = structure_matrix(self.geometry, position, rotation)
+        scatter = np.hypot(
+            self.noise.stiffness * np.abs(tension), self.stiffness * self.noise.length
+        )
+        covariance = (matrix * scatter**2) @ matrix.T
+        covariance += np.diag([self.noise.force**2] * 3 + [self.noise.torque**2] * 3)
+        frame = Frame(
+            wrench - matrix @ tension,
+            covariance,
+            matrix,
+            np.array(tension),
+            np.asarray(wound) - self._wound_at_zero,
+            np.array(rotation),
+            np.array(position),
+        )
+        self._newest = frame
+        odd = _square(frame.residual, covariance) > chi2.isf(NEVER, 6)
+        if not self._frames:
+            self._in_doubt = self._in_doubt + 1 if odd else 0
+            if not odd and _differs(frame, self._before):
+                self._before = [*self._before, frame][-FRAMES:]
+        if (self._frames or self._in_doubt >= self.noise.samples) and _differs(frame, self._frames):
+            self._frames = [*self._frames, frame][-FRAMES:]
+            self._most_turned = max(self._most_turned, _turn(rotation, self._zero.rotation))
+            self._judged = self._judge()
+        return self._agreement(frame)
+
+    def reflector(self, measured: FloatArray, expected: FloatArray, std: float) -> None:
+        """Take a measurement of the tracker.
+
+        Args:
+            measured: (3,) of the reflector, base frame by the tracker's registration [m].
+            expected: (3,) of it by the robot's pose [m].
+            std: standard deviation of the measurement, each axis [m].
+        """
+        away = np.asarray(measured, dtype=np.float64) - np.asarray(expected, dtype=np.float64)
+        if self._newest is None or not np.isfinite(away).all():
+            return
+        variance = self.noise.reflector**2 + std**2
+        if not away @ away > variance * chi2.isf(NEVER, 3):
+            self._tracker_agreed = True
+            return
+        tracker, tool = Suspect(Fault.TRACKER), Suspect(Fault.ROBOT_TOOL)
+        # A tool that was right since the zeros does not change by itself.
+        right = self._tracker_agreed or self._would_tell(away)
+        self._tracker_named = not self._frames and right
+        self._tracker = (tracker,) if self._tracker_named else (tracker, tool)
+
+    def _would_tell(self, away: FloatArray) -> bool:
+        """Whether the cables would show a tool that is wrong by what the tracker sees."""
+        frame, zero = self._newest, self._zero
+        if frame is None or zero is None:
+            return False
+        error = np.concatenate([frame.rotation.T @ away, np.zeros(3)])
+        seen = tool_residual(frame, zero, self.stiffness, self._cables, error)
+        return bool(_square(seen, frame.covariance) > chi2.isf(NEVER, 6))
+
+    def _judge(self) -> tuple[Suspect | None, tuple[Suspect, ...]]:
+        """Return the suspect that is named, if any, and all that explain what was gathered."""
+        zero = self._zero
+        if zero is None:
+            return None, ()
+        roots = {
+            id(frame): np.linalg.inv(np.linalg.cholesky(frame.covariance))
+            for frame in (*self._before, *self._frames)
+        }
+        fitting = []
+        for suspect in self._suspects:
+            since = suspect.fault is not Fault.SLIPPED_CABLE
+            frames = [*self._before, *self._frames] if since else self._frames
+            if suspect.fault is Fault.ROBOT_TOOL:
+                square, freedom = self._fit_tool(zero, frames, roots)
+            else:
+                parts = [effect(suspect, frame, self.stiffness) for frame in frames]
+                left = np.concatenate(
+                    [
+                        roots[id(frame)] @ (frame.residual - fixed)
+                        for frame, (fixed, _) in zip(frames, parts, strict=True)
+                    ]
+                )
+                free = np.concatenate(
+                    [
+                        roots[id(frame)] @ column
+                        for frame, (_, column) in zip(frames, parts, strict=True)
+                    ]
+                )
+                if free.shape[1]:
+                    left = left - free @ np.linalg.lstsq(free, left, rcond=1e-12)[0]
+                square, freedom = float(left @ left), left.size - unknowns(suspect)
+            if square <= chi2.isf(DOUBTFUL, freedom):
+                fitting.append(suspect)
+        chosen = fitting[0] if len(fitting) == 1 else None
+        if chosen is not None and chosen.fault is Fault.ROBOT_TOOL and not self._turned():
+            chosen = None
+        return chosen, tuple(fitting)
+
+    def _fit_tool(
+        self, zero: Frame, frames: list[Frame], roots: dict[int, FloatArray]
+    ) -> tuple[float, int]:
+        """Sum of squares that the best error of the tool leaves, and its degrees of freedom."""
+        tool, square = np.zeros(6), np.inf
+        given = (zero, self.stiffness, self._cables)
+        for _ in range(TOOL_STEPS):
+            left = np.concatenate(
+                [
+                    roots[id(frame)] @ (frame.residual - tool_residual(frame, *given, tool))
+                    for frame in frames
+                ]
+                + [-tool / TOOL_STD]
+            )
+            square = min(square, float(left @ left))
+            free = np.concatenate(
+                [roots[id(frame)] @ tool_columns(frame, *given, tool) for frame in frames]
+                + [np.diag(1.0 / TOOL_STD)]
+            )
+            tool = tool + np.linalg.lstsq(free, left, rcond=1e-12)[0]
+        return square, 6 * len(frames)
+
+    def _turned(self) -> bool:
+        """Whether the moments since zeroing span the turn that a wrong tool takes to be told."""
+        return len(self._frames) >= 3 and self._most_turned >= TURN_FOR_TOOL
+
+    def _agreement(self, frame: Frame) -> Agreement:
+        """Answer: suspects, and the pose by robot, encoders and sensor together."""
+        named, candidates = self._judged
+        if self._tracker and not self._frames:
+            candidates = self._tracker
+            named = self._tracker[0] if self._tracker_named else None
+        # A wrong pose by d changes the residual by A K A^T d.
+        gain = (frame.matrix * self.stiffness) @ frame.matrix.T
+        both = gain @ self._prior @ gain.T + frame.covariance
+        share = self._prior @ gain.T @ np.linalg.inv(both)
+        move = np.zeros(6) if self._frames else -share @ frame.residual
+        covariance = self._prior - share @ gain @ self._prior
+        return Agreement(
+            not (self._frames or self._tracker),
+            named,
+            candidates,
+            frame.position + move[:3],
+            _turned_by(move[3:]) @ frame.rotation,
+            0.5 * (covariance + covariance.T),
+        )
+
+
+def _differs(frame: Frame, kept: list[Frame]) -> bool:
+    """Whether a moment's pose differs from the last that was kept."""
+    if not kept:
+        return True
+    moved = float(np.linalg.norm(frame.position - kept[-1].position))
+    turned = _turn(frame.rotation, kept[-1].rotation)
+    return bool(moved > APART_M or turned > APART_RAD)
+
+
+def _square(residual: FloatArray, covariance: FloatArray) -> float:
+    """Square of a residual in its own deviations."""
+    return float(residual @ np.linalg.solve(covariance, residual))
+
+
+def _turn(first: FloatArray, second: FloatArray) -> float:
+    """Angle between two orientations [rad]."""
+    chord = float(np.linalg.norm(first - second)) / np.sqrt(8.0)
+    return 2.0 * float(np.arcsin(min(chord, 1.0)))
+
+
+def _turned_by(vector: FloatArray) -> FloatArray:
+    """(3, 3) rotation by a rotation vector [rad]."""
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
