@@ -63,6 +63,7 @@ class Status:
         sessions: the supervisor's session that the node follows.
         on_change: called after each change of state or reason.
         counted: further counters for /diagnostics, by name.
+        configuration: fingerprint of the rig's files, for /diagnostics.
         notice: told with every report in which the loop has nothing of its own to tell.
     """
 
@@ -83,6 +84,7 @@ class Status:
         self.late = 0
         self.infeasible = 0
         self.counted: dict[str, int] = {}
+        self.configuration = ""
         self.work = Durations()
         self.round_trip = Durations()
 
@@ -123,7 +125,9 @@ class Status:
         """Return the newest state, fault and counters."""
         state, fault = self._reported
         counted = ("cycles", "lost", "late", "infeasible")
-        counters = {name: getattr(self, name) for name in counted} | self.counted
+        counters: dict[str, object] = {name: getattr(self, name) for name in counted}
+        counters |= self.counted
+        counters["configuration"] = self.configuration
         counters["dropped"] = self.sessions.dropped
         return Health(max(state, WAITING), fault, counters)
 
@@ -187,7 +191,8 @@ class ControlNode(Node):
         self.status = Status(self, self.lockstep)
         self.outputs["loop_status"] = self.status.output()
         self._compiled: dict[str, int] | None = None
-        self.hardware = f"rig {self.rig_folder.name} {self.rig_folder.fingerprint}"
+        self.hardware = f"rig {self.rig_folder.name}"
+        self.status.configuration = self.rig_folder.fingerprint
         diagnostics = Diagnostics(self, self.status.snapshot, lambda: self.hardware)
         self.status.on_change = lambda: hand_over(self, diagnostics.tell)
         go_on()
