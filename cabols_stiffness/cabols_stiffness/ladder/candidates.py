@@ -29,9 +29,6 @@ TRAVELS = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.8])
 LENGTHS = (0.7, 2.0)
 """Over which compliance may vary [rad]."""
 
-SIGNIFICANT = 3.0
-"""Standard deviations that a joint's friction must differ from zero."""
-
 FLAT = 1e4
 """Deviation of a prior that says nothing."""
 
@@ -157,7 +154,9 @@ def best_friction(
                 for j in range(n):
                     beside = apart[:, np.delete(chosen, j), np.delete(np.arange(n), j)]
                     chosen[j] = mine[_most(apart[:, mine, j], left, beside)]
-            joint = _significant(apart[:, chosen, np.arange(n)], target, rows.freedom)
+            # All joints that the loads move: leaving out small ones would bend the others.
+            moved = np.linalg.norm(apart[:, chosen, np.arange(n)], axis=0)
+            joint: IntArray = np.flatnonzero(moved > 0.0).astype(np.int64)
             if joint.size == 0:
                 continue
             block = Friction(form, joint, states.travel[chosen, np.arange(n)], scale)
@@ -174,20 +173,3 @@ def _most(tried: FloatArray, target: FloatArray, beside: FloatArray) -> int:
     left = target - basis @ (basis.T @ target)
     usable = length > 1e-6 * max(float(length.max(initial=0.0)), 1e-300)
     return int(np.argmax(np.where(usable, rest.T @ left / np.where(usable, length, 1.0), 0.0)))
-
-
-def _significant(columns: FloatArray, target: FloatArray, freedom: float) -> IntArray:
-    """Joints (j,) whose friction differs from zero; the least significant is dropped first."""
-    kept: IntArray = np.flatnonzero(np.linalg.norm(columns, axis=0) > 0.0).astype(np.int64)
-    while kept.size:
-        chosen = columns[:, kept]
-        inverse = np.linalg.pinv(chosen.T @ chosen, rcond=1e-12, hermitian=True)
-        value = inverse @ (chosen.T @ target)
-        left = target - chosen @ value
-        variance = float(left @ left) / max(freedom - kept.size, 1.0)
-        ratio = value / np.sqrt(np.maximum(np.diagonal(inverse) * variance, 1e-300))
-        worst = int(np.argmin(ratio))
-        if ratio[worst] >= SIGNIFICANT:
-            break
-        kept = np.delete(kept, worst)
-    return kept
