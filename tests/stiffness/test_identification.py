@@ -278,7 +278,7 @@ def test_bumped_reflector_widens_the_poses_that_it_spoils(samples):
     hit = np.isin(right.load, 2)
     assert (ratio[hit] > 10.0).all()
     np.testing.assert_allclose(ratio[~hit], 1.0, rtol=1e-6)
-    assert f"{hit.sum()} do not fit" in str(told[0].message)
+    assert f"points: {hit.sum()} of" in str(told[0].message)
 
 
 def test_model_is_chosen_on_held_out_loads(samples, harder):

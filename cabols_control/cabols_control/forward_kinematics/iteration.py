@@ -162,20 +162,18 @@ def _propose(task: Any, work: Any) -> float:
         move[k] = 0.0
     for a in range(m):
         move[directions[a]] = step[a]
-    turn2 = move[3] * move[3] + move[4] * move[4] + move[5] * move[5]
+    turn = move[3:]
+    turn2 = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
     if turn2 > 1.0:
         shorter = 1.0 / math.sqrt(turn2)
-        move[3], move[4], move[5], turn2 = (
-            move[3] * shorter,
-            move[4] * shorter,
-            move[5] * shorter,
-            1.0,
-        )
+        for k in range(3):
+            turn[k] *= shorter
+        turn2 = 1.0
     shift2, position, trial = 0.0, work.position, work.trial_position
     for k in range(3):
         trial[k] = position[k] + move[k]
         shift2 += move[k] * move[k]
-    turned(work.rotation, move[3], move[4], move[5], work.trial_rotation)
+    turned(work.rotation, turn[0], turn[1], turn[2], work.trial_rotation)
     return math.sqrt(shift2 + task.scale * task.scale * turn2)
 
 

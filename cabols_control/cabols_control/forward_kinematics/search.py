@@ -42,8 +42,8 @@ def _length(vector: FloatArray, first: int) -> float:
 @compiled
 def _largest_turn(task: Any) -> float:
     """Largest turn of the region [rad]."""
-    half = task.half_widths
-    return float(max(half[3], half[4], half[5]))
+    turn = task.half_widths[3:]
+    return float(max(turn[0], turn[1], turn[2]))
 
 
 @compiled
@@ -90,7 +90,8 @@ def _judge(cables: Any, task: Any, lengths: FloatArray, work: Any, top: int, alo
     position, rotation = work.position, work.rotation
     for k in range(3):
         position[k] = box[k]
-    turned(task.rotation, box[3], box[4], box[5], rotation)
+    about = box[3:]
+    turned(task.rotation, about[0], about[1], about[2], rotation)
     if alone > 0.0:
         square, near = 0.0, work.near_position
         for k in range(3):

@@ -99,7 +99,7 @@ def poses(
         )
     if misfits:
         warnings.warn(
-            f"points: of {len(rows)} loads {misfits} do not fit a rigid motion of the platform "
+            f"points: {misfits} of {len(rows)} loads do not fit a rigid motion of the platform "
             "within their noise: were reflectors moved, or loads not the same in all passes? "
             "Their covariance is widened",
             PoseWarning,

@@ -11,7 +11,9 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
+import defusedxml.ElementTree as Xml
 import numpy as np
+from defusedxml.common import DefusedXmlException
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
@@ -163,10 +165,12 @@ def _tree(path: Path) -> ElementTree.Element:
         text = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(text) > LARGEST_FILE or b"<!ENTITY" in text:
-        raise DataFileError(f"{path}: expected a model without entities, of at most 20 MB")
+    if len(text) > LARGEST_FILE:
+        raise DataFileError(f"{path}: expected a model of at most 20 MB, got {len(text) / 1e6:.0f}")
     try:
-        return ElementTree.fromstring(text)
+        return Xml.fromstring(text)
+    except DefusedXmlException as error:
+        raise DataFileError(f"{path}: expected a model without entities, got {error}") from error
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise DataFileError(f"{path}: expected XML, got {error}") from error
 
