@@ -16,7 +16,8 @@ WEIGHT_LENGTH_M = 0.15
 """Torque counts as force at this radius, the reference platform's, in the default weights."""
 LARGEST_ENTRY = 1e99
 """Components of a wrench beyond this count as not finite: their squares would overflow."""
-DEFAULT_WEIGHTS = (1.0, 1.0, 1.0, *[1.0 / WEIGHT_LENGTH_M] * 3)
+FORCE_WEIGHT, TORQUE_WEIGHT = 1.0, 1.0 / WEIGHT_LENGTH_M
+DEFAULT_WEIGHTS = (*[FORCE_WEIGHT] * 3, *[TORQUE_WEIGHT] * 3)
 
 
 def check_limits(

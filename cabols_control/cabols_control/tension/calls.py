@@ -13,7 +13,7 @@ from numba import types
 
 from cabols_control.checks import FloatArray
 
-from .arguments import DEFAULT_WEIGHTS, LARGEST_ENTRY
+from .arguments import FORCE_WEIGHT, LARGEST_ENTRY, TORQUE_WEIGHT
 from .kernels.dispatch import (
     detect_prepared,
     solve_at_pose,
@@ -127,8 +127,8 @@ def _one_call(
     limits, structure, weights = at_limits(n), at_structure(n), at_weights(n)
     low, high = work[limits : limits + n], work[limits + n : limits + 2 * n]
     for k in range(3):
-        work[weights + k] = DEFAULT_WEIGHTS[0]
-        work[weights + 3 + k] = DEFAULT_WEIGHTS[3]
+        work[weights + k] = FORCE_WEIGHT
+        work[weights + 3 + k] = TORQUE_WEIGHT
     ordered = True
     for i in range(n):
         ordered = ordered and low[i] <= high[i]

@@ -127,8 +127,9 @@ def _stretched(p: FloatArray, reference: RigGeometry) -> RigGeometry:
     rotation = np.array(reference.reference_rotation)
     middle = reference.base_points.mean(axis=0)
     base = (reference.base_points - middle) @ rotation * p[:3]
+    *_, degrees = p
     axis = np.eye(3)[2 if reference.motion.across is None else reference.motion.across]
-    turn = Rotation.from_rotvec(np.deg2rad(p[6]) * (rotation.T @ axis)).as_matrix()
+    turn = Rotation.from_rotvec(np.deg2rad(degrees) * (rotation.T @ axis)).as_matrix()
     platform = reference.platform_points * p[3:6] @ turn.T
     return replace(reference, base_points=middle + base @ rotation.T, platform_points=platform)
 

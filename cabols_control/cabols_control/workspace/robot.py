@@ -162,7 +162,7 @@ def robot_words(robot: Robot) -> dict[str, Any]:
     words: dict[str, Any] = {
         "tension_min": robot.tension_min.tolist(),
         "tension_max": robot.tension_max.tolist(),
-        "characteristic_length": float(1.0 / robot.weights[3]),
+        "characteristic_length": float(1.0 / robot.weights[3:].max()),
     }
     if robot.platform.weight > 0.0:
         words["mass"] = robot.platform.weight / GRAVITY_M_S2

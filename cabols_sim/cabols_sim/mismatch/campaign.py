@@ -65,7 +65,7 @@ def measure(
             wanted = np.zeros((count, 6)) if branch == REFERENCE else share * peaks[:, load]
             pose, held = robot.load(joints, wanted, factor, held)
             clock = clock + LOAD_S
-            seen = np.einsum("cij,j->ci", pose[:, :3, :3], reflector) + pose[:, :3, 3]
+            seen = np.einsum("cij,j->ci", pose[:, :3, :3], reflector) + pose[:, :3, -1]
             seen = seen + _warmth(robot, seen, clock)
             rows["configuration"].append(np.arange(count))
             rows["load"].append(np.full(count, _number(load, branch, share, stops)))

@@ -128,12 +128,12 @@ class HiddenRobot:
             pose, frames, ends = self._frames(joints + deflection, bodies, tilts)
             force = np.einsum("cij,cj->ci", pose[:, :3, :3], wrench[:, :3])
             moment = np.einsum("cij,cj->ci", pose[:, :3, :3], wrench[:, 3:])
-            point = pose[:, :3, 3]
+            point = pose[:, :3, -1]
             before = deflection
             share = np.zeros((count, n)) if held is None else self._share(held, before)
             deflection = np.empty((count, n))
             for b in range(n, -1, -1):
-                at_end = moment + np.cross(point - ends[b][:, :3, 3], force)
+                at_end = moment + np.cross(point - ends[b][:, :3, -1], force)
                 turned = frames[b][:, :3, :3]
                 local = np.concatenate(
                     [np.einsum("cji,cj->ci", turned, part) for part in (force, at_end)], axis=1
@@ -141,13 +141,13 @@ class HiddenRobot:
                 bodies[:, b] = local @ truth.beams[b].T
                 # The weight of this body joins what hangs on it.
                 weight = truth.masses[b] * GRAVITY
-                centre = frames[b][:, :3, 3] + np.einsum("cij,j->ci", turned, truth.centres[b])
+                centre = frames[b][:, :3, -1] + np.einsum("cij,j->ci", turned, truth.centres[b])
                 moment = moment + np.cross(centre - point, weight)
                 force = force + weight
                 if b == 0:
                     break
                 j = b - 1
-                origin = frames[b][:, :3, 3]
+                origin = frames[b][:, :3, -1]
                 here = np.einsum("cji,cj->ci", turned, moment + np.cross(point - origin, force))
                 torque = here @ self._axes[j]
                 own = truth.compliance[j] * factor[:, j]
@@ -173,10 +173,10 @@ class HiddenRobot:
             # The motion of a body's end, in the body's axes: about the end's own point.
             turned = frames[-1][:, :3, :3]
             moved = np.zeros((count, 4, 4))
-            moved[:, 3, 3] = 1.0
+            moved[:, -1, -1] = 1.0
             rotated = turned @ _turns(bodies[:, b, 3:])[:, :3, :3] @ turned.swapaxes(1, 2)
             moved[:, :3, :3] = rotated @ matrix[:, :3, :3]
-            moved[:, :3, 3] = matrix[:, :3, 3] + np.einsum("cij,cj->ci", turned, bodies[:, b, :3])
+            moved[:, :3, -1] = matrix[:, :3, -1] + np.einsum("cij,cj->ci", turned, bodies[:, b, :3])
             ends.append(moved)
             matrix = moved
         return matrix, frames, ends
@@ -184,7 +184,7 @@ class HiddenRobot:
 
 def _placed(rotation: FloatArray, position: FloatArray) -> FloatArray:
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, position
+    matrix[:3, :3], matrix[:3, -1] = rotation, position
     return matrix
 
 
@@ -196,6 +196,6 @@ def _turns(vectors: FloatArray) -> FloatArray:
     cross = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
     sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
     matrix = np.zeros((len(vectors), 4, 4))
-    matrix[:, 3, 3] = 1.0
+    matrix[:, -1, -1] = 1.0
     matrix[:, :3, :3] = np.eye(3) + sine * cross + versine * (cross @ cross)
     return matrix

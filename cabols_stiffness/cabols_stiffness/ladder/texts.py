@@ -39,8 +39,8 @@ def ladder_text(found: Identified, robot: RobotModel) -> str:
     width = max(len(row[0]) for row in table)
     lines = ["ladder of models, errors at held-out configurations in the stated noise:"]
     lines += [
-        f"  {row[0]:{width}s} {row[1]:>10s} {row[2]:>15s} {row[3]:>18s} {row[4]:>6s}"
-        for row in table
+        f"  {name:{width}s} {parameters:>10s} {error:>15s} {gain:>18s} {taken:>6s}"
+        for name, parameters, error, gain, taken in table
     ]
     if found.choice.rivals:
         names = ", ".join(candidate.name for candidate, _ in found.choice.rivals)

@@ -75,7 +75,7 @@ def read_caspr(bodies: Path, cables: Path, cable_set: str = "") -> ExchangedRobo
     motion, count = JOINTS[kind]
     at = np.zeros(count)
     if count == 7:
-        at[3] = 1.0
+        at[-4] = 1.0  # w of a quaternion
     notes = []
     given = joint.get("q_initial") or joint.get("q_default")
     if given is None:
@@ -115,7 +115,8 @@ def _pose(motion: Motion, at: FloatArray) -> tuple[FloatArray, FloatArray]:
         if at.size == 6:
             turn = Rotation.from_euler("XYZ", at[3:])
         elif at.size == 7:
-            turn = Rotation.from_quat([*at[4:], at[3]])
+            w, *vector = at[3:]
+            turn = Rotation.from_quat([*vector, w])
     return position, np.asarray(turn.as_matrix())
 
 
@@ -168,11 +169,12 @@ def _tree(path: Path) -> ElementTree.Element:
     if len(text) > LARGEST_FILE:
         raise DataFileError(f"{path}: expected a model of at most 20 MB, got {len(text) / 1e6:.0f}")
     try:
-        return Xml.fromstring(text)
+        root: ElementTree.Element = Xml.fromstring(text)
     except DefusedXmlException as error:
         raise DataFileError(f"{path}: expected a model without entities, got {error}") from error
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise DataFileError(f"{path}: expected XML, got {error}") from error
+    return root
 
 
 def write_caspr(robot: ExchangedRobot, folder: Path, name: str) -> list[Path]:

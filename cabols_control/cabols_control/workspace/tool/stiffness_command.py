@@ -45,7 +45,17 @@ def add_stiffness(parser: argparse.ArgumentParser) -> None:
 def run_stiffness(
     options: argparse.Namespace, robot: Robot, required: WrenchSet, grid: PoseGrid
 ) -> None:
-    """Judge every pose of the grid; table, and the worst in words."""
+    """Judge every pose of the grid; table, and the worst in words.
+
+    Args:
+        options: of the command line.
+        robot: whose platform is judged.
+        required: wrenches that load it [N], [N m].
+        grid: of poses.
+
+    Raises:
+        CabolsError: for another number of spring stiffnesses than cables.
+    """
     spring = np.array(options.spring) if options.spring else _own(options, robot)
     if spring.size not in (1, robot.geometry.cables):
         raise CabolsError(

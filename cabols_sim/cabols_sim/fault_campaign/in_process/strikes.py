@@ -29,7 +29,14 @@ def _sign(random: np.random.Generator) -> float:
 
 
 def injected(fault: str, low: float = 0.0, high: float = 0.0, signed: bool = False) -> Strike:
-    """Return a strike by a fault of the plant, at any limb, of a size drawn."""
+    """Return a strike by a fault of the plant, at any limb, of a size drawn.
+
+    Args:
+        fault: kind of cabols_sim.faults.
+        low: least size.
+        high: largest size; 0: the fault has none.
+        signed: whether its sign is drawn, too.
+    """
 
     def strike(rig: LockstepRig, random: np.random.Generator) -> None:
         size = random.uniform(low, high) * (_sign(random) if signed else 1.0)
@@ -58,7 +65,12 @@ def gauge(fault: str) -> Strike:
 
 
 def several(fault: str, limbs: Callable[[np.random.Generator, int], IntArray]) -> Strike:
-    """Return a strike at several limbs at once, by one cause."""
+    """Return a strike at several limbs at once, by one cause.
+
+    Args:
+        fault: kind of cabols_sim.faults.
+        limbs: picks them, from 0, of n limbs.
+    """
 
     def strike(rig: LockstepRig, random: np.random.Generator) -> None:
         for i in limbs(random, rig.plant.tension.size):
@@ -68,18 +80,33 @@ def several(fault: str, limbs: Callable[[np.random.Generator, int], IntArray]) -
 
 
 def all_limbs(random: np.random.Generator, n: int) -> IntArray:
-    """Return all of n limbs."""
+    """Return all of n limbs.
+
+    Args:
+        random: of the trial.
+        n: number of limbs.
+    """
     del random
     return np.arange(n)
 
 
 def two_limbs(random: np.random.Generator, n: int) -> IntArray:
-    """Return two of n limbs."""
+    """Return two of n limbs.
+
+    Args:
+        random: of the trial.
+        n: number of limbs.
+    """
     return random.choice(n, 2, replace=False)
 
 
 def half(random: np.random.Generator, n: int) -> IntArray:
-    """Return the limbs of one of two connectors."""
+    """Return the limbs of one of two connectors.
+
+    Args:
+        random: of the trial.
+        n: number of limbs.
+    """
     first = int(random.integers(2)) * (n // 2)
     return np.arange(first, first + n // 2)
 
@@ -106,7 +133,12 @@ def gauges(volts: float | None) -> Strike:
 
 
 def count_loss(rig: LockstepRig, random: np.random.Generator) -> None:
-    """Let an encoder lose or gain counts all the time."""
+    """Let an encoder lose or gain counts all the time.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
     limb, rate, sense = (
         _any(random, rig),
         _sign(random) * random.uniform(0.02, 0.3),
@@ -179,7 +211,12 @@ def wrong_current(kind: str) -> Strike:
 
 
 def wrong_tension(size: float, all_limbs: bool) -> Strike:
-    """Return a wrench controller that commands wrongly."""
+    """Return a wrench controller that commands wrongly.
+
+    Args:
+        size: of the tension that is added [N].
+        all_limbs: whether to all limbs, or to one.
+    """
 
     def strike(rig: LockstepRig, random: np.random.Generator) -> None:
         limb = _any(random, rig)
@@ -195,25 +232,45 @@ def wrong_tension(size: float, all_limbs: bool) -> Strike:
 
 
 def limbs_dead(rig: LockstepRig, random: np.random.Generator) -> None:
-    """End the limb controller."""
+    """End the limb controller.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
     del random
     rig.limb_controller_runs = False
 
 
 def wrench_dead(rig: LockstepRig, random: np.random.Generator) -> None:
-    """End the wrench controller."""
+    """End the wrench controller.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
     del random
     rig.wrench_controller_runs = False
 
 
 def pose_and_sensor(rig: LockstepRig, random: np.random.Generator) -> None:
-    """Freeze the pose and all gauges at once."""
+    """Freeze the pose and all gauges at once.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
     pose("frozen")(rig, random)
     gauges(None)(rig, random)
 
 
 def no_samples(rig: LockstepRig, random: np.random.Generator) -> None:
-    """Let the bridge miss samples: nothing is read, judged or written meanwhile."""
+    """Let the bridge miss samples: nothing is read, judged or written meanwhile.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
     for _ in range(int(random.integers(25, 60))):
         rig.card.read()
 

@@ -186,7 +186,7 @@ def _misfits(trials: Sequence[Trial], samples: Data, line: Linearised) -> tuple[
 
 def _misfit(triangle: FloatArray) -> float:
     """Least squares without negative compliance, of the triangle (n + 1, n + 1)."""
-    target, matrix = triangle[:, 0], triangle[:, 1:]
+    (target,), matrix = triangle[:, :1].T, triangle[:, 1:]
     length = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
     _, left = nnls(matrix / length, target)
     return float(left) ** 2
