@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import AfterValidator, ValidationError
 
 from cabols_control.errors import ConfigError
-from cabols_control.strict_yaml import Document, parse, shown
+from cabols_control.files.strict_yaml import Document, parse, shown
 
 T = TypeVar("T")
 

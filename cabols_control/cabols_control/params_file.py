@@ -22,7 +22,7 @@ from cabols_control.bringup_nodes import OF_EVERY_NODE
 from cabols_control.command_line import DONE, CommandParser, command
 from cabols_control.declared_parameters import DeclaredParameter, declared_parameters
 from cabols_control.errors import ConfigError
-from cabols_control.strict_yaml import parse, shown
+from cabols_control.files.strict_yaml import parse, shown
 
 TEXT = """Write a YAML file of all parameters of all nodes, with their defaults.
 

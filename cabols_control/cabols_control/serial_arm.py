@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import ConfigError
-from cabols_control.plain_numbers import plain_number
+from cabols_control.files.plain_numbers import plain_number
 
 TURNING = ("revolute", "continuous")
 SLIDING = "prismatic"

@@ -15,7 +15,7 @@ from long_bag import TRUE, write_bag
 from record import write_figures
 
 from cabols_control.bringup.processes import executable_path
-from cabols_control.output_folder import output_folder
+from cabols_control.files.output_folder import output_folder
 
 GIB = 1 << 30
 LINEAR = 0.3

@@ -22,7 +22,7 @@ import bench_realtime
 from console_page import is_served
 from record import write_figures
 
-from cabols_control.output_folder import claim
+from cabols_control.files.output_folder import claim
 from cabols_sim.bench.run import isolated_environment, real_time_arguments
 
 PAGE = Path(__file__).with_name("console_page.py")

@@ -28,7 +28,7 @@ import psutil
 from record import write_figures
 
 from cabols_control.bags.reader import read_bag
-from cabols_control.output_folder import claim
+from cabols_control.files.output_folder import claim
 from cabols_control.realtime.scheduling import PM_QOS
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 

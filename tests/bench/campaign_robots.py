@@ -18,8 +18,8 @@ import numpy as np
 import yaml
 
 from cabols_control.bringup.processes import executable_path
-from cabols_control.new_rig import make_rig
 from cabols_control.rig_folder import find_rig
+from cabols_control.rig_tools.new_rig import make_rig
 from cabols_sim.bench.campaign_kills import short_campaign
 
 WITHIN = 4.0

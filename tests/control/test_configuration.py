@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass
 
 from cabols_control.configuration import STRICT, load_config, read_yaml, within
 from cabols_control.errors import ConfigError
-from cabols_control.strict_yaml import MAX_SHOWN
+from cabols_control.files.strict_yaml import MAX_SHOWN
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -12,8 +12,8 @@ import yaml
 
 from cabols_control.configuration import read_yaml
 from cabols_control.frames import load_frames
-from cabols_control.migrate import frames_of, kind_of, main, without_keys
 from cabols_control.rig import load_rig
+from cabols_control.rig_tools.migrate import frames_of, kind_of, main, without_keys
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.card.config import load_card
 from cabols_hw.safety.config import load_safety

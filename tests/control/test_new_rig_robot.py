@@ -14,8 +14,8 @@ import yaml
 from cabols_control.errors import ConfigError, UsageError
 from cabols_control.frames import load_frames
 from cabols_control.geometry import load_geometry
-from cabols_control.new_rig import make_rig
 from cabols_control.rig_folder import find_rig, rig_file
+from cabols_control.rig_tools.new_rig import make_rig
 
 UR20 = Path(__file__).resolve().parents[2] / "examples" / "ur20.urdf"
 BENCH = rig_file("robot.urdf")
@@ -71,7 +71,7 @@ def test_five_joints_are_refused(tmp_path):
 def test_named_tip_that_is_missing_is_a_short_error(tmp_path):
     words = [str(tmp_path / "rig"), "--robot", str(UR20), "--tip", "hand"]
     done = subprocess.run(
-        [sys.executable, "-m", "cabols_control.new_rig", *words],
+        [sys.executable, "-m", "cabols_control.rig_tools.new_rig", *words],
         capture_output=True,
         text=True,
         check=False,

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from cabols_control.errors import UsageError
-from cabols_control.output_folder import MARKER, OccupiedFolderError, claim, output_folder
+from cabols_control.files.output_folder import MARKER, OccupiedFolderError, claim, output_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -68,7 +68,7 @@ def test_what_an_unfinished_run_left_is_kept_beside(tmp_path, how):
     else:
         code = (
             "import os, signal, sys, pathlib\n"
-            "from cabols_control.output_folder import claim\n"
+            "from cabols_control.files.output_folder import claim\n"
             "kept = claim(sys.argv[1], 'demo')\n"
             "p = pathlib.Path(sys.argv[1]) / 'bag' / 'run.mcap'\n"
             "p.parent.mkdir(); p.write_text('precious')\n"
@@ -172,7 +172,7 @@ def test_a_torn_marker_counts_as_none(tmp_path):
 
 REMOVING = {"rmtree", "unlink", "rmdir", "remove", "removedirs"}
 MAY_REMOVE = {
-    "cabols_control/cabols_control/output_folder.py": "files that the marker lists",
+    "cabols_control/cabols_control/files/output_folder.py": "files that the marker lists",
     "cabols_control/cabols_control/calibration/recording.py": "a copy that it has just made",
     "cabols_control/cabols_control/bags/recover.py": "its own temporary file and old metadata",
     "cabols_control/cabols_control/bringup/processes.py": "logs of the same nodes before",

@@ -17,7 +17,7 @@ from cabols_control.frames import load_frames
 from cabols_control.geometry import load_geometry
 from cabols_control.placement import Frame
 from cabols_control.rig_folder import find_rig
-from cabols_control.rig_urdf import main, rig_urdf, urdf_text
+from cabols_control.rig_tools.rig_urdf import main, rig_urdf, urdf_text
 from cabols_control.serial_arm import read_serial_arm
 from cabols_hw.abb.configurations import load_configurations
 

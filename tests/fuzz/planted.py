@@ -21,7 +21,8 @@ import binary_targets  # noqa: E402
 import text_targets  # noqa: E402
 from engine import Target, run  # noqa: E402
 
-from cabols_control import cdr, serial_arm, strict_yaml  # noqa: E402
+from cabols_control import cdr, serial_arm  # noqa: E402
+from cabols_control.files import strict_yaml  # noqa: E402
 from cabols_control.load_programs import programs  # noqa: E402
 from cabols_hw.abb import egm_sample, rws_answers  # noqa: E402
 

@@ -19,12 +19,12 @@ from ruamel.yaml.error import YAMLError
 
 from cabols_control.bags.metadata import read_metadata
 from cabols_control.errors import CabolsError
+from cabols_control.files.strict_yaml import parse
 from cabols_control.geometry import load_geometry
 from cabols_control.load_programs.programs import CSV_HEADER, multi_axis, parse_csv
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
 from cabols_control.serial_arm import read_serial_arm
-from cabols_control.strict_yaml import parse
 from cabols_control.workspace.bodies import load_bodies
 from cabols_control.workspace.tool.files import POSE_COLUMNS, read_poses
 from cabols_hw.abb.configurations import load_configurations

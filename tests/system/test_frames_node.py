@@ -15,7 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cabols_control.bringup.processes import executable_path
-from cabols_control.rig_urdf import rig_urdf, urdf_text
+from cabols_control.rig_tools.rig_urdf import rig_urdf, urdf_text
 from cabols_hw.abb.configurations import load_configurations
 from graph_harness import next_environment
 

@@ -143,7 +143,7 @@ def test_new_rig_never_overwrites(tmp_path):
     (tmp_path / "mine").mkdir()
     note = tmp_path / "mine" / "notes.txt"
     note.write_text("keep me")
-    command = [sys.executable, "-m", "cabols_control.new_rig", "mine"]
+    command = [sys.executable, "-m", "cabols_control.rig_tools.new_rig", "mine"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "expected nothing there" in done.stderr

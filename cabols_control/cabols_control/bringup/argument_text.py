@@ -12,9 +12,9 @@ from typing import Any
 
 from cabols_control.bringup.specs import Argument
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.files.plain_numbers import plain_number
 from cabols_control.geometry import MIN_CABLES
 from cabols_control.load_programs.programs import BUILT_IN, load_program
-from cabols_control.plain_numbers import plain_number
 from cabols_control.rig_folder import find_rig
 from cabols_control.tension import check_method
 from cabols_control.topics import foreign_row

@@ -9,10 +9,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from cabols_control.durable_file import write_durably
 from cabols_control.errors import CabolsError
+from cabols_control.files.durable_file import write_durably
+from cabols_control.files.state_folder import state_folder
 from cabols_control.rig_folder import RigFolder
-from cabols_control.state_folder import state_folder
 
 FORM = 1
 WIRED = ("geometry.yaml", "limbs.yaml", "card.yaml", "frames.yaml", "sensor.cal")

@@ -28,7 +28,7 @@ from cabols_control.export.time_base import (
     texts,
 )
 from cabols_control.export.writers import WRITERS, Metadata, TableWriter
-from cabols_control.output_folder import output_folder
+from cabols_control.files.output_folder import output_folder
 
 SIZE = 20_000
 """Messages in memory at a time."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
+from cabols_control.files.state_folder import state_folder
 from cabols_control.load_programs.learning import (
     Learnt,
     apply_learnt,
@@ -20,7 +21,6 @@ from cabols_control.load_programs.learning import (
 )
 from cabols_control.load_programs.preview import ShapedProgram
 from cabols_control.rig import Rig
-from cabols_control.state_folder import state_folder
 
 FOLDER = "learnt"
 MOST_SAMPLES = 4_000_000

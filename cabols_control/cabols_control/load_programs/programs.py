@@ -11,7 +11,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
-from cabols_control.plain_numbers import plain_number
+from cabols_control.files.plain_numbers import plain_number
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 _NOT_FINITE = ("nan", "inf", "-inf")

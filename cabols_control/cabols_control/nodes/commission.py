@@ -31,9 +31,9 @@ from cabols_control.commissioning.results import (
     write_results,
 )
 from cabols_control.errors import CabolsError, UsageError
+from cabols_control.files.output_folder import MARKER, output_folder
 from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import limb_index, limb_name, number
-from cabols_control.output_folder import MARKER, output_folder
 from cabols_control.rig import Rig, load_rig
 from cabols_control.ros.limb_commissioning import commission_limb
 from cabols_control.ros.limb_trace import LimbTrace

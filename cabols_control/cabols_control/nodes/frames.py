@@ -17,7 +17,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
 from cabols_control.frame_tree import read_links
 from cabols_control.placement import Frame
-from cabols_control.rig_urdf import ROBOT_URDF, rig_urdf, urdf_text
+from cabols_control.rig_tools.rig_urdf import ROBOT_URDF, rig_urdf, urdf_text
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node

@@ -10,8 +10,8 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
+from cabols_control.files.plain_numbers import plain_number
 from cabols_control.naming import number
-from cabols_control.plain_numbers import plain_number
 from cabols_hw.abb.configurations import RobotConfigurations
 
 COLUMNS = tuple(f"joint_{number(i)}" for i in range(6))

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, rotation_matrix
 from cabols_control.errors import ConfigError
-from cabols_control.plain_numbers import plain_number
+from cabols_control.files.plain_numbers import plain_number
 from cabols_control.rotations import cross_matrix
 
 AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")

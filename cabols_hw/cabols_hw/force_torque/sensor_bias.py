@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray, finite_array
-from cabols_control.durable_file import write_durably
 from cabols_control.errors import CabolsError, ConfigError
-from cabols_control.state_folder import state_folder
+from cabols_control.files.durable_file import write_durably
+from cabols_control.files.state_folder import state_folder
 
 FORM = 1
 """Version of the file."""

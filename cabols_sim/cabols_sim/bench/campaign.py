@@ -28,8 +28,8 @@ from cabols_control.command_line import (
     fail,
     rig_option,
 )
+from cabols_control.files.output_folder import output_folder
 from cabols_control.naming import number
-from cabols_control.output_folder import output_folder
 from cabols_control.rig_folder import BENCH
 from cabols_sim.bench.commission import ToolSpec
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench

@@ -27,7 +27,7 @@ from cabols_control.command_line import (
     fail,
     rig_option,
 )
-from cabols_control.output_folder import output_folder
+from cabols_control.files.output_folder import output_folder
 from cabols_control.rig_folder import rig_file
 from cabols_sim.bench.campaign import TOOL, BenchCampaign, analyse
 from cabols_sim.bench.run import isolated_environment

@@ -18,8 +18,8 @@ from cabols_control.command_line import (
     fail,
     rig_option,
 )
+from cabols_control.files.output_folder import output_folder
 from cabols_control.naming import limb_names
-from cabols_control.output_folder import output_folder
 from cabols_sim.bench.run import forgiving, real_time_arguments, run_bench
 
 TOOL = "commission"

@@ -27,8 +27,8 @@ from cabols_control.command_line import (
     rig_option,
 )
 from cabols_control.errors import UsageError
+from cabols_control.files.output_folder import output_folder
 from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
-from cabols_control.output_folder import output_folder
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
 from cabols_control.run_report.computer import (

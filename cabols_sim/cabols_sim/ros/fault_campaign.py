@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 from cabols_control.command_line import DONE, FAILED, INTERRUPTED, command, fail
-from cabols_control.output_folder import output_folder
+from cabols_control.files.output_folder import output_folder
 from cabols_control.ros.rig_client import AbandonedError, RigError
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 from cabols_sim.fault_campaign.command import fault_campaign_parser

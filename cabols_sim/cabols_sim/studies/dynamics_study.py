@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from cabols_control.command_line import DONE, FAILED, CommandParser, command
+from cabols_control.files.output_folder import output_folder
 from cabols_control.load_programs.programs import load_program
-from cabols_control.output_folder import output_folder
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures import DPI

@@ -25,8 +25,8 @@ from cabols_control.command_line import (
     rig_option,
 )
 from cabols_control.errors import CabolsError
+from cabols_control.files.output_folder import output_folder
 from cabols_control.load_programs.programs import load_program
-from cabols_control.output_folder import output_folder
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import BENCH, find_rig, rig_file
 from cabols_control.run_report.figures import DPI, draw_overview

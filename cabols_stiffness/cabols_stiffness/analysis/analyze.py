@@ -13,8 +13,8 @@ import numpy as np
 
 from cabols_control.command_line import DONE, CommandParser, command
 from cabols_control.errors import UsageError
+from cabols_control.files.output_folder import OutputFolder, output_folder
 from cabols_control.naming import number
-from cabols_control.output_folder import OutputFolder, output_folder
 from cabols_stiffness.analysis.report import write_report
 from cabols_stiffness.analysis.source import Source, is_campaign, read_source
 from cabols_stiffness.analysis.study import Study, study

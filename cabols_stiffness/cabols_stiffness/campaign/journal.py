@@ -15,9 +15,9 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from cabols_control.durable_file import sync_folder, write_durably
+from cabols_control.files.durable_file import sync_folder, write_durably
+from cabols_control.files.output_folder import MARKER
 from cabols_control.naming import load_name, number
-from cabols_control.output_folder import MARKER
 from cabols_control.rig_folder import RigFolder
 from cabols_stiffness.campaign.plan import CampaignPlan, load_plan, plan_text
 from cabols_stiffness.campaign.requests import LoadKey

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.files.plain_numbers import plain_integer, plain_number
 from cabols_control.naming import number
-from cabols_control.plain_numbers import plain_integer, plain_number
 from cabols_stiffness.errors import CampaignError
 from cabols_stiffness.measurements.window import WindowAverage
 

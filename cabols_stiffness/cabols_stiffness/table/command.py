@@ -19,7 +19,7 @@ from typing import Any
 from cabols_control.command_line import DONE, FAILED, CommandParser, command
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import UsageError
-from cabols_control.output_folder import output_folder
+from cabols_control.files.output_folder import output_folder
 from cabols_stiffness.certificate.made import certificate_of
 from cabols_stiffness.certificate.pages import write_certificate
 from cabols_stiffness.certificate.statement import Statement, load_statement

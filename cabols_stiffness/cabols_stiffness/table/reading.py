@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, IntArray
-from cabols_control.plain_numbers import LARGEST_SCALED, plain_number
+from cabols_control.files.plain_numbers import LARGEST_SCALED, plain_number
 from cabols_stiffness.table.units import JOINT, Meaning, TableError, meaning
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")

@@ -20,9 +20,9 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_control.command_line import DONE, CommandParser, command, rig_option
 from cabols_control.errors import CabolsError
+from cabols_control.files.output_folder import output_folder
 from cabols_control.geometry import RigGeometry
 from cabols_control.motion import Motion
-from cabols_control.output_folder import output_folder
 from cabols_control.workspace.bodies import Bodies, interference_task, load_bodies
 from cabols_control.workspace.capacity import capacity_along, capacity_task
 from cabols_control.workspace.grid import PoseGrid, WorkspaceMap, box_grid, tilts

@@ -12,8 +12,8 @@ from scipy.optimize import OptimizeResult, differential_evolution
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
+from cabols_control.files.output_folder import output_folder
 from cabols_control.motion import Motion
-from cabols_control.output_folder import output_folder
 from cabols_control.workspace.bodies import Bodies, interference_task
 from cabols_control.workspace.design import (
     BENCH,

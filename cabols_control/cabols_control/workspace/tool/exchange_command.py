@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cabols_control.errors import CabolsError
+from cabols_control.files.output_folder import output_folder
 from cabols_control.geometry import RigGeometry
 from cabols_control.motion import Motion, motion_of
-from cabols_control.output_folder import output_folder
 from cabols_control.workspace.formats.caspr import read_caspr, write_caspr
 from cabols_control.workspace.formats.cdpyr import read_cdpyr, write_cdpyr
 from cabols_control.workspace.formats.exchanged import ExchangedRobot

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError, DataFileError
+from cabols_control.files.plain_numbers import plain_number
 from cabols_control.geometry import RigGeometry
 from cabols_control.motion import Motion
-from cabols_control.plain_numbers import plain_number
 from cabols_control.workspace.grid import WorkspaceMap
 from cabols_control.workspace.surface import Mesh
 

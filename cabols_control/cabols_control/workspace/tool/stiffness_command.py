@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
+from cabols_control.files.output_folder import output_folder
 from cabols_control.kinematics import structure_matrix
-from cabols_control.output_folder import output_folder
 from cabols_control.rig import load_rig
 from cabols_control.tension import distribute
 from cabols_control.workspace.elastic import platform_stiffness, yield_under

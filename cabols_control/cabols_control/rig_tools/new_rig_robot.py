@@ -12,7 +12,7 @@ from cabols_control.configuration import read_yaml
 from cabols_control.errors import UsageError
 from cabols_control.frames import load_frames
 from cabols_control.rig_folder import RigFolder
-from cabols_control.robot_placing import FLANGE_AXIS, flange_pose, place_robot
+from cabols_control.rig_tools.robot_placing import FLANGE_AXIS, flange_pose, place_robot
 from cabols_control.serial_arm import read_serial_arm
 
 JOINTS = 6

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from cabols_control.command_line import DONE, CommandParser, command, existing_path
 from cabols_control.errors import UsageError
-from cabols_control.new_rig_robot import robot_files
 from cabols_control.rig_folder import BENCH, FILES, find_rig
+from cabols_control.rig_tools.new_rig_robot import robot_files
 
 CHANNELS = 8
 """Analog outputs and encoder inputs of one Q8."""

@@ -23,7 +23,7 @@ from cabols_control.configuration import read_yaml
 from cabols_control.errors import ConfigError, UsageError
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import FILES, RigFolder, find_rig
-from cabols_control.rig_moves import FILES_OF_0_1, KEYS_OF_0_1
+from cabols_control.rig_tools.rig_moves import FILES_OF_0_1, KEYS_OF_0_1
 
 FRAMES = "frames.yaml"
 SCENE = "bench_scene.yaml"

@@ -19,11 +19,11 @@ from scipy.spatial.transform import Rotation
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.command_line import DONE, CommandParser, command, rig_option
 from cabols_control.errors import ConfigError
+from cabols_control.files.plain_numbers import plain_number
 from cabols_control.frames import RigFrames, load_frames
 from cabols_control.geometry import RigGeometry
 from cabols_control.naming import number
 from cabols_control.placement import Frame
-from cabols_control.plain_numbers import plain_number
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
 from cabols_control.serial_arm import read_serial_arm

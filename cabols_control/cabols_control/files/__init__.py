@@ -1,0 +1,1 @@
+"""Files that survive a crash, folders that are ours, YAML and numbers that mean what they say."""

@@ -1,0 +1,1 @@
+"""Makes, migrates and describes the folders of rigs."""
