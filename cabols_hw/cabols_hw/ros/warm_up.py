@@ -28,6 +28,5 @@ def warm_up_guard(
     guard.command(record["limb"], record["current"], 0.0)
     guard.sample(0.001, bridge, OperatingMode.STOPPED)
     guard.sample(0.002, bridge, OperatingMode.LOADING)
-    guard.governor.limit(bridge.current.copy(), guard.safety.speed)
     guard.safety.warm_up(bridge)
     guard.unloading.warm_up(bridge.tension, bridge.elongation)
