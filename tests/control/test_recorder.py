@@ -13,6 +13,7 @@ import pytest
 import rclpy
 import yaml
 from cabols_msgs.msg import LoopStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -372,6 +373,12 @@ def test_topics_of_ros_and_of_the_site_are_recorded_at_choice(node, record, tmp_
         room.publish(String(data=f"{number} degrees"))
         time.sleep(0.01)
     spin_until(node, lambda: node.count_subscribers("/rosout") > 0, process)
+    heard = []
+    node.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
+    # The recorder's own reader besides this one; what comes then it records, too.
+    spin_until(node, lambda: node.count_subscribers("/diagnostics") > 1, process)
+    heard.clear()
+    spin_until(node, lambda: len(heard) >= 2, process)
     spoken = node.create_publisher(Log, "/rosout", 10)
     wait_for(spoken.get_subscription_count, process)
     spoken.publish(Log(name="site", msg="the door is open"))

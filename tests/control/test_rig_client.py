@@ -130,6 +130,8 @@ class FakeRig:
         self.end.set()
         self.context.try_shutdown()
         self._thread.join(5.0)
+        # Its latched mode would reach a later test in the same domain.
+        self.node.destroy_node()
 
 
 @pytest.fixture
