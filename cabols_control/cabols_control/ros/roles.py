@@ -16,9 +16,10 @@ from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.threads.node_executor import taken_or_none
 from cabols_control.ros.topics import message_type
 
-LISTEN_S = 0.7
-"""A node that is about to start listens so long for another one in its role [s]: seven modes."""
-LATE_S = 0.3
+LISTEN_S = 2.0
+"""A node that is about to start listens so long for another one in its role [s]: twenty modes. On a
+busy computer two processes may take over a second to find each other."""
+LATE_S = 0.5
 """It listens at least so long after everything else is ready [s]."""
 LISTED_S = 2.0
 """It listens so long if the graph lists another publisher [s]."""
