@@ -20,18 +20,18 @@ from cabols_control.placement import Frame
 from cabols_control.rig_tools.rig_urdf import ROBOT_URDF, rig_urdf, urdf_text
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
-from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
+from cabols_control.ros.node import RUNNING, WAITING, run_node
 from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import quality_qos
 from cabols_control.ros.reader import Reader
-from cabols_control.ros.threads.ticker import Ticker
+from cabols_control.ros.ticking_node import TickingNode
 from cabols_control.stamps import set_time, time_ns
 from cabols_control.topics import FOREIGN
 
 PERIOD_S = 0.04
 
 
-class FramesNode(ControlNode):
+class FramesNode(TickingNode):
     """Publishes where the rig's frames are, from the slow copies of joints and pose.
 
     With a robot the platform hangs on its flange, as in the URDF: the robot's own pose of it comes
@@ -44,7 +44,7 @@ class FramesNode(ControlNode):
         Raises:
             ConfigError: if tf2_msgs is not installed, or a file of the rig cannot be used.
         """
-        super().__init__("frames")
+        super().__init__("frames", PERIOD_S)
         robot = declare_robot(self) and self.rig_folder.has(ROBOT_URDF)
         self._prefix = declare(self, "frame_prefix", "", "before each frame's name: rig2/")
         base = Frame(
@@ -83,21 +83,6 @@ class FramesNode(ControlNode):
                 ]
             )
         )
-        self._ticker = Ticker(self.context, PERIOD_S, self._tick)
-
-    def begin(self) -> None:
-        """Start publishing."""
-        super().begin()
-        self._ticker.start()
-
-    def end(self) -> None:
-        """Stop."""
-        self._ticker.stop()
-
-    @property
-    def failure(self) -> BaseException | None:
-        """Return the error that ended the thread."""
-        return self._ticker.failure
 
     def _transform(
         self, parent: str, child: str, stamp_ns: int, position: FloatArray, rotation: FloatArray
@@ -112,7 +97,8 @@ class FramesNode(ControlNode):
         turn.x, turn.y, turn.z, turn.w = x, y, z, w
         return made
 
-    def _tick(self) -> None:
+    def tick(self) -> None:
+        """Publish what has come."""
         found = [*self._robot_frames(), *self._platform_frames()]
         if found:
             self._tf.publish(self._kind(transforms=found))

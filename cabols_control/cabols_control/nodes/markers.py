@@ -12,43 +12,29 @@ from cabols_control.console.latest import LatestValues
 from cabols_control.console.view3d.scene import load_scene
 from cabols_control.console.view3d.shapes import CYLINDER, Shape, rig_shapes
 from cabols_control.ros.console.feed import Feed
-from cabols_control.ros.node import RUNNING, ControlNode, run_node
+from cabols_control.ros.node import RUNNING, run_node
 from cabols_control.ros.parameters import declare
 from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.threads.ticker import Ticker
+from cabols_control.ros.ticking_node import TickingNode
 
 PERIOD_S = 0.1
 
 
-class MarkersNode(ControlNode):
+class MarkersNode(TickingNode):
     """Publishes `markers` in the rig's base frame."""
 
     def __init__(self) -> None:
         """Subscribe and advertise."""
-        super().__init__("markers")
+        super().__init__("markers", PERIOD_S)
         self._scene = load_scene(
             self.rig_folder,
             declare(self, "scene_file", "", "YAML of what is drawn"),
         )
         self._feed = Feed(self, self.rig, LatestValues())
         self._publisher = self.create_publisher(MarkerArray, "markers", topic_qos("markers"))
-        self._ticker = Ticker(self.context, PERIOD_S, self._tick)
 
-    def begin(self) -> None:
-        """Start drawing."""
-        super().begin()
-        self._ticker.start()
-
-    def end(self) -> None:
-        """Stop."""
-        self._ticker.stop()
-
-    @property
-    def failure(self) -> BaseException | None:
-        """Return the error that ended the thread."""
-        return self._ticker.failure
-
-    def _tick(self) -> None:
+    def tick(self) -> None:
+        """Draw what has come."""
         frame = self._feed.look()
         stamp = self.get_clock().now().to_msg()
         shapes = rig_shapes(self.rig, self._scene, frame)
