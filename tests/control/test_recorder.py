@@ -2,11 +2,13 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -345,7 +347,12 @@ def test_the_bag_has_what_the_running_nodes_answered(node, record, tmp_path, kil
     bag = tmp_path / "bag"
 
     def told():
-        return bag.is_dir() and any(b"parameters_rig" in f.read_bytes() for f in bag.iterdir())
+        """What a kill would leave has the answers, and a message: the recorder's own state."""
+        if not any(b"parameters_rig" in f.read_bytes() for f in bag.glob("*")):
+            return False
+        with TemporaryDirectory(dir=tmp_path) as folder:
+            copy = shutil.copytree(bag, Path(folder) / "bag")
+            return recover(copy).messages > 0
 
     spin_until(node, told, process)
     if killed:

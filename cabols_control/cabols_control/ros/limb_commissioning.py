@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from threading import Event
 from typing import Any
 
 from cabols_control.result_code import NOT_YET, ResultCode
@@ -14,8 +15,6 @@ FOUND_S = 180.0
 """Longest wait for the action; a first start compiles for a minute or two [s]."""
 PATIENCE_S = 60.0
 """Time for which a refusal is tried again [s]: nodes that compile at first start are silent."""
-AT_ONCE_S = 2.0
-"""Longest time to a refusal that comes before any motion [s]."""
 AGAIN_S = 0.5
 TRIED_AGAIN = NOT_YET | {ResultCode.FAULT_REPORTED}
 
@@ -42,15 +41,21 @@ def commission_limb(
     Raises:
         RigError: if there is no action, it is not accepted, or it does not end.
     """
-    give_up, told, accept_s = time.monotonic() + PATIENCE_S, "", FOUND_S
+    give_up, told, accept_s, moved = time.monotonic() + PATIENCE_S, "", FOUND_S, Event()
+
+    def hear(feedback: Any) -> None:
+        """The action tells its progress from the first motion on."""
+        moved.set()
+        if on_feedback is not None:
+            on_feedback(feedback)
+
     while True:
-        sent = time.monotonic()
         try:
-            return rig.run(ACTION, on_feedback, timeout_s, accept_s, **goal)
+            return rig.run(ACTION, hear, timeout_s, accept_s, **goal)
         except ActionFailedError as error:
-            now, accept_s = time.monotonic(), PATIENCE_S
-            moved = now - sent > AT_ONCE_S
-            if error.code not in TRIED_AGAIN or moved or now > give_up:
+            accept_s = PATIENCE_S
+            late = time.monotonic() > give_up
+            if error.code not in TRIED_AGAIN or moved.is_set() or late:
                 return error.result
             if error.result.message != told:
                 told = error.result.message
