@@ -25,6 +25,7 @@ from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.supervision.faults import Fault, FaultName, fault_name
 from cabols_control.supervision.modes import MOVING, NEXT, Entry, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
+from cabols_control.supervision.senders import SenderFollower
 from cabols_control.supervision.session import LOCKSTEP_SESSION
 from cabols_control.supervision.starvation import StarvationWatch
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
@@ -74,6 +75,7 @@ class SupervisorNode(ControlNode):
         self._ticks = 0
         self._starvation = StarvationWatch(NEWS_S)
         self._seconds = Seconds()
+        self._senders = SenderFollower(config.report_timeout_s)
         self._notice: Fault | None = None
         self.create_timer(SECONDS_PERIOD_S, self._look_for_seconds)
         self.create_subscription(
@@ -200,9 +202,13 @@ class SupervisorNode(ControlNode):
         fault = said if in_fault else None
         stamp_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         with self._lock:
+            now_s = self._now_s()
+            if not self._senders.admit(message.node, message.instance, now_s):
+                self.status.counted["strange_reports"] = self._senders.dropped
+                return
             running = message.state == LoopStatus.RUNNING
             self._core.hear_notice(message.node, None if in_fault else said)
-            self._core.hear_report(message.node, self._now_s(), running, fault, stamp_s)
+            self._core.hear_report(message.node, now_s, running, fault, stamp_s)
             self._publish_change()
 
     def _hear_operator(self, message: OperatorHeartbeat) -> None:

@@ -42,6 +42,7 @@ from cabols_control.ros.status.statistics import Durations
 from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.ros.threads.node_executor import NodeExecutor
 from cabols_control.supervision.faults import Fault, FaultName
+from cabols_control.supervision.senders import LOCKSTEP_INSTANCE, draw_instance
 from cabols_control.supervision.session import SessionFollower
 from cabols_control.topics import NAMESPACE
 
@@ -72,6 +73,7 @@ class Status:
         self._name = node.get_name()
         self._output = Output(node, "loop_status")
         self._lockstep = lockstep
+        self._instance = LOCKSTEP_INSTANCE if lockstep else draw_instance()
         self._layout = lru_cache(maxsize=16)(topics.loop_status_layout)
         self._layout(self._name, "")
         self._reported: tuple[int, Fault | None] = (-1, None)
@@ -116,6 +118,7 @@ class Status:
         for name in ("cycles", "lost", "late", "infeasible"):
             record[name][0] = getattr(self, name)
         record["dropped"][0] = self.sessions.dropped
+        record["instance"][0] = self._instance
         if not self._lockstep:
             record["work_time"][0], record["work_time_p99"][0] = self.work.summary()
             record["round_trip"][0], record["round_trip_p99"][0] = self.round_trip.summary()
