@@ -29,7 +29,12 @@ def plain_number(cell: str, largest: float = LARGEST) -> float:
         ValueError: if it is none; the message says what was expected and what came.
     """
     word = cell.strip(" \t")
-    value = float(word)
+    try:
+        value = float(word)
+    except ValueError as error:
+        raise ValueError(
+            f"expected a number such as -1.5 or 2e-3, got {cell[:_SHOWN]!r}"
+        ) from error
     if not (_NUMBER.fullmatch(word) and abs(value) <= largest):
         raise ValueError(
             f"expected finite numbers such as -1.5 or 2e-3, of at most {largest:g}, got "

@@ -1,10 +1,11 @@
 """Executable cabols-stiffness: joint stiffness from a table of loads and deflections.
 
 `cabols-stiffness identify loads.csv --robot robot.urdf --tip tool0` needs neither a rig nor ROS.
-The table has one line of headers, each with its unit: q1_deg to qN_deg (prismatic joints in mm or
-m), fx_N to mz_Nm, and what was measured: dx_mm, dy_mm, dz_mm (and rx_mrad, ...) against the
-unloaded robot, or positions px_mm, ..., or distance_mm to an anchor; config, load, group, branch,
-reflector where there are such. Empty cells were not measured. The verdict comes before the numbers.
+The table (CSV or Parquet) has a line of headers, each with its unit, or the units in a line below:
+q1_deg to qN_deg (prismatic joints in mm or m), fx_N to mz_Nm, and what was measured: dx_mm, dy_mm,
+dz_mm (and rx_mrad, ...) against the unloaded robot, or positions px_mm, ..., or distance_mm to an
+anchor; config, load, group, branch, reflector where there are such. Empty cells were not measured.
+The verdict comes before the numbers.
 """
 
 from __future__ import annotations
@@ -120,9 +121,10 @@ def summary(result: StiffnessResult, robot: RobotModel, table: Table) -> str:
     assert verdict is not None
     lines = verdict_lines(verdict)
     left = len(table.skipped) + verdict.missing
-    if left or verdict.repeated or result.outliers.size:
+    repeated = len(table.repeated) + verdict.repeated
+    if left or repeated or result.outliers.size:
         lines.append(
-            f"  left out: {left} rows without numbers, {verdict.repeated} repeated, "
+            f"  left out: {left} rows without numbers, {repeated} repeated, "
             f"{result.outliers.size} outliers"
         )
     if table.unread:
@@ -166,7 +168,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser = CommandParser("cabols-stiffness", __doc__)
     add = parser.add_argument
     add("task", choices=["identify"], help="what to do")
-    add("table", type=Path, metavar="TABLE", help="CSV file")
+    add("table", type=Path, metavar="TABLE", help="CSV or Parquet file")
     add("--robot", default="", help="URDF; default: the bench's IRB 1600")
     add("--tip", default="", help="link that carries the tool; default: tool0 or flange")
     add("--lock", action="append", default=[], metavar="JOINT=POSITION", help="hold a joint there")

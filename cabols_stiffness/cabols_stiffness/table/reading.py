@@ -1,9 +1,7 @@
-"""Read a CSV table: numbers in SI by role, rows without a load left out."""
+"""Read a table: numbers in SI by role, rows without a load and repeated ones left out."""
 
 from __future__ import annotations
 
-import csv
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,15 +9,26 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.checks import FloatArray, IntArray
+from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.files.plain_numbers import LARGEST_SCALED, plain_number
+from cabols_stiffness.table.cells import Cells, read_cells
 from cabols_stiffness.table.units import JOINT, Meaning, TableError, meaning
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WHOLE = frozenset({"configuration", "load", "reflector", "group", "branch"})
 LARGEST_INDEX = 1e9
-NOTHING = frozenset({"", "nan", "na", "n/a", "none", "-", "null"})
+NOTHING = frozenset({"", "nan", "na", "n/a", "#n/a", "none", "-", "--", "null"})
 """Cells that hold no number."""
+
+BRANCHES = {
+    **dict.fromkeys(("up", "loading", "load", "hin"), 1.0),
+    **dict.fromkeys(("down", "unloading", "unload", "back"), -1.0),
+    **dict.fromkeys(("reference", "ref", "unloaded", "zero"), 0.0),
+}
+"""Words of the column branch."""
+MEASURED = ("d", "r", "p")
+SHOWN = 12
+"""Headers that a message names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +41,7 @@ class Table:
         wrench: (k, 6) [N, N m]; a component without a column is zero.
         unread: headers that are none of the known names.
         skipped: lines of rows without joints or wrench, from 1.
+        repeated: lines of loaded rows that repeat an earlier one, number for number.
     """
 
     columns: Mapping[str, FloatArray]
@@ -39,6 +49,7 @@ class Table:
     wrench: FloatArray
     unread: tuple[str, ...]
     skipped: tuple[int, ...]
+    repeated: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -68,87 +79,109 @@ class Table:
 def read_table(
     path: str | Path, joints: int, mapping: Mapping[str, Mapping[str, str]] | None = None
 ) -> Table:
-    """Read a CSV file with one line of headers.
+    """Read a CSV or Parquet file with one line of headers, units in them or in a line below.
 
     Args:
-        path: of the file; comma, semicolon or tab between cells.
+        path: of the file; comma, semicolon, tab, bar or blanks between cells.
         joints: number n that the robot has.
         mapping: by header: `as` a known name, `unit` of the column; either may be missing.
 
     Raises:
         TableError: naming column or line, what was expected and what came.
     """
-    rows, headers = _cells(Path(path))
-    known, unread = _meanings(headers, mapping or {}, path)
+    cells = read_cells(path)
+    known, unread = _meanings(cells, mapping or {}, path)
     columns: dict[str, FloatArray] = {}
     for index, found in known.items():
         if found.role in columns:
-            raise TableError(f"{path}: expected one column for {found.role}, got two")
-        values = [_number(cells[index], line, headers[index], path) for line, cells in rows]
-        columns[found.role] = found.factor * np.array(values)
-        if found.role in WHOLE:
-            _check_whole(columns[found.role], [line for line, _ in rows], headers[index], path)
+            raise TableError(
+                f"{path}: expected one column for {found.role}, got {cells.headers[index]!r} "
+                "beside another one; name one of them otherwise, as by a mapping"
+            )
+        columns[found.role] = found.factor * _column(cells, index, found.role, path)
     missing = [f"q{j + 1}" for j in range(joints) if f"q{j + 1}" not in columns]
     more = [role for role in columns if JOINT.match(role) and int(role[1:]) > joints]
     if missing or more:
         raise TableError(
             f"{path}: expected columns q1 to q{joints} for the robot's joints, "
             + (f"got none for {', '.join(missing)}" if missing else f"got also {', '.join(more)}")
+            + f"; the headers are {_some(cells.headers)}"
         )
     if not any(role in columns for role in WRENCH):
-        raise TableError(f"{path}: expected columns of the wrench (fx_N ... mz_Nm), got none")
+        raise TableError(
+            f"{path}: expected columns of the wrench (fx_N ... mz_Nm), got none; the headers are "
+            f"{_some(cells.headers)}"
+        )
+    lines = np.array(cells.lines, dtype=np.int64)
     angles = np.column_stack([columns[f"q{j + 1}"] for j in range(joints)])
-    zero = np.zeros(len(rows))
+    zero = np.zeros(lines.size)
     wrench = np.column_stack([columns.get(role, zero) for role in WRENCH])
     good = np.isfinite(angles).all(axis=1) & np.isfinite(wrench).all(axis=1)
-    skipped = tuple(rows[i][0] for i in np.flatnonzero(~good))
-    kept = {role: column[good] for role, column in columns.items()}
-    return Table(kept, angles[good], wrench[good], unread, skipped)
+    again = good & ~_first(columns, angles, wrench)
+    kept = {role: column[good & ~again] for role, column in columns.items()}
+    return Table(
+        columns=kept,
+        joints=angles[good & ~again],
+        wrench=wrench[good & ~again],
+        unread=unread,
+        skipped=tuple(lines[~good].tolist()),
+        repeated=tuple(lines[again].tolist()),
+    )
 
 
-def _cells(path: Path) -> tuple[list[tuple[int, list[str]]], list[str]]:
-    """Rows with their line numbers, and headers."""
+def _some(headers: list[str]) -> str:
+    more = "" if len(headers) <= SHOWN else f" and {len(headers) - SHOWN} more"
+    return ", ".join(headers[:SHOWN]) + more
+
+
+def _first(columns: Mapping[str, FloatArray], angles: FloatArray, wrench: FloatArray) -> BoolArray:
+    """(k,) rows that are unloaded, or the first of their joints, wrench and measured numbers."""
+    measured = [c for role, c in columns.items() if role == "distance" or role[0] in MEASURED]
+    reflector = columns.get("reflector", np.zeros(len(angles)))
+    key = np.column_stack([angles, wrench, reflector, *measured])
+    _, first = np.unique(np.nan_to_num(key, nan=1e300), axis=0, return_index=True)
+    once: BoolArray = ~(wrench != 0.0).any(axis=1)
+    once[first] = True
+    return once
+
+
+def _column(cells: Cells, index: int, role: str, path: str | Path) -> FloatArray:
+    """(k,) numbers of a column; names of configurations and the like are counted from 0."""
+    header, words = cells.headers[index], [row[index] for row in cells.rows]
+    if role == "branch":
+        words = [str(BRANCHES.get(word.lower(), word)) for word in words]
+    elif role in WHOLE and any(_is_name(word) for word in words):
+        names = {word: i for i, word in enumerate(dict.fromkeys(words))}
+        return np.array([np.nan if w.lower() in NOTHING else names[w] for w in words])
+    values = [_number(w, line, header, path) for w, line in zip(words, cells.lines, strict=True)]
+    found = np.array(values)
+    if role in WHOLE:
+        _check_whole(found, cells.lines, header, path)
+    return found
+
+
+def _is_name(word: str) -> bool:
+    """Whether a word is no number, but the name of something."""
+    if word.lower() in NOTHING:
+        return False
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise TableError(f"{path}: expected a table as UTF-8 text, got {error}") from error
-    lines = [
-        (number, line)
-        # Not splitlines(), which takes eight more characters for ends of lines.
-        for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1)
-        if line.strip() and not line.startswith("#")
-    ]
-    if len(lines) < 2:
-        raise TableError(f"{path}: expected a line of headers and rows, got {len(lines)} lines")
-    mark = max(",;\t", key=lines[0][1].count)
-    table = [(number, _split(path, number, line, mark)) for number, line in lines]
-    headers = [cell.strip() for cell in table[0][1]]
-    for line, cells in table[1:]:
-        if len(cells) != len(headers):
-            raise TableError(
-                f"{path}: line {line}: expected {len(headers)} cells, got {len(cells)}"
-            )
-    return table[1:], headers
-
-
-def _split(path: Path, number: int, line: str, mark: str) -> list[str]:
-    """Cells of a line, which holds a whole row: no cell goes on in the next line."""
-    try:
-        return next(csv.reader([line + "\n"], delimiter=mark, strict=True))
-    except (csv.Error, StopIteration) as error:
-        raise TableError(f"{path}: line {number}: expected cells of CSV, got {error}") from error
+        float(word)
+    except ValueError:
+        return any(letter.isalpha() for letter in word)
+    return False
 
 
 def _meanings(
-    headers: list[str], mapping: Mapping[str, Mapping[str, str]], path: str | Path
+    cells: Cells, mapping: Mapping[str, Mapping[str, str]], path: str | Path
 ) -> tuple[dict[int, Meaning], tuple[str, ...]]:
+    headers = cells.headers
     lost = [name for name in mapping if name not in headers]
     if lost:
         raise TableError(f"{path}: mapping: expected headers of the table, got {', '.join(lost)}")
     known, unread = {}, []
     for index, header in enumerate(headers):
         said = mapping.get(header, {})
-        found = meaning(str(said.get("as", header)), str(said.get("unit", "")))
+        found = meaning(str(said.get("as", header)), str(said.get("unit", cells.units[index])))
         if found is None:
             unread.append(header)
         else:

@@ -9,10 +9,27 @@ import numpy as np
 
 from cabols_control.errors import CabolsError
 
-LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
-ANGLE = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": np.pi / 180.0, "°": np.pi / 180.0}
+LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
+ANGLE = {
+    "rad": 1.0,
+    "degree": np.pi / 180.0,
+    "degrees": np.pi / 180.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "deg": np.pi / 180.0,
+    "°": np.pi / 180.0,
+}
 FORCE = {"n": 1.0, "kn": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605}
-TORQUE = {"nm": 1.0, "nmm": 1e-3, "knm": 1e3}
+TORQUE = {
+    "nm": 1.0,
+    "nmm": 1e-3,
+    "ncm": 1e-2,
+    "knm": 1e3,
+    "kgfm": 9.80665,
+    "kgfcm": 9.80665e-2,
+    "lbfin": 4.4482216152605 * 0.0254,
+    "lbfft": 4.4482216152605 * 0.3048,
+}
 KIND = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "torque": TORQUE}
 PLAIN = {"": 1.0}
 
@@ -80,7 +97,7 @@ def meaning(header: str, unit: str = "") -> Meaning | None:
     if not kinds:
         return Meaning(role, 1.0)
     known = {word: factor for kind in kinds for word, factor in KIND[kind].items()}
-    word = re.sub(r"[\s*·._]", "", (unit or written)).lower()
+    word = _plain(unit or written)
     if word not in known:
         raise TableError(
             f"column {header!r}: expected a unit of {', '.join(known)} in its header, as in "
@@ -89,10 +106,26 @@ def meaning(header: str, unit: str = "") -> Meaning | None:
     return Meaning(role, known[word])
 
 
+def is_unit(word: str) -> bool:
+    """Whether a word is a unit that some column may have.
+
+    Args:
+        word: as written, such as "N m".
+    """
+    return any(_plain(word) in table for table in KIND.values())
+
+
+def _plain(word: str) -> str:
+    return re.sub(r"[\s*·._]", "", word).lower()
+
+
 def _split(text: str) -> tuple[str, str]:
-    """Name and unit of `name_unit`; a unit of two parts, N_m, too."""
+    """Name and unit of `name_unit`, `name unit`, `name/unit`; a unit of two parts, N_m, too."""
     units = {word for table in KIND.values() for word in table}
-    parts = text.split("_")
+    name, slash, unit = text.rpartition("/")
+    if slash and _plain(unit) in units and _role(name) is not None:
+        return name, unit
+    parts = re.split(r"[_\s]+", text)
     for count in (2, 1):
         last = "".join(parts[-count:]).lower()
         if len(parts) > count and last in units and _role("_".join(parts[:-count])) is not None:
