@@ -4,19 +4,25 @@ Each programme runs on the full plant as designed, and on plants that differ fro
 files say: gains and time constants of the motors by up to 20 %, k_e by 5 %, attachment points by
 2 mm, sensor gains by 0.5 % and cross-talk by 1 %, friction doubled. Then each rig repeats its
 programme and learns, LEARNING times. Printed is the rms of the axis
-that is commanded, against the sensor and against the truth, and of the other axes together.
+that is commanded, against the sensor and against the truth, and of the other axes together. A run that
+was stopped goes on where it was (`--fresh` begins anew); the file of runs is told with the figures.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from record import write_figures
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
+
+from line_journal import LineJournal
+from record import circumstances, write_figures
 
 from cabols_control.geometry import RigGeometry
 from cabols_control.load_programs.learning import apply_learnt, learn, nothing_learnt
@@ -133,6 +139,26 @@ class Setup:
     plant: PlantConfig
 
 
+def kept_run(
+    kept: LineJournal, setup: Setup, case: Case, preview: bool, seed: int | None, cycles: int = 0
+) -> list[dict[str, float]]:
+    """Errors as `run` gives them; of the journal if it has them.
+
+    Args:
+        kept: of this design.
+        setup: as `run`.
+        case: as `run`.
+        preview: as `run`.
+        seed: as `run`.
+        cycles: as `run`.
+    """
+    key = f"{case.name}, {preview}, {seed}, {cycles}"
+    if key not in kept.found:
+        found = run(setup, case, preview, seed, cycles)
+        kept.add(key, cycles=found, commit=circumstances()["commit"])
+    return list(kept.found[key]["cycles"])
+
+
 def run(
     setup: Setup, case: Case, preview: bool, seed: int | None, cycles: int = 0
 ) -> list[dict[str, float]]:
@@ -226,7 +252,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20, help="wrong rigs, at least 1")
     parser.add_argument("--only", default="", help="cases with this in their name")
     parser.add_argument("--gains", default="", help="YAML of another design, such as control_fast")
+    parser.add_argument("--fresh", action="store_true", help="forget the runs that are kept")
     arguments = parser.parse_args()
+    design = Path(arguments.gains or "control").stem
+    kept = LineJournal(arguments.output.with_suffix(f".{design}.jsonl"), arguments.fresh)
     setup = Setup(load_rig(control=arguments.gains or None), load_card(), load_plant())
     print("rms in N or N m: median and largest against the sensor, against the truth, other axes")
     print(f"{'':50} {'sensor':>7} {'worst':>7} {'truth':>7} {'off N':>7} {'off N m':>7} {'A':>6}")
@@ -237,17 +266,20 @@ def main() -> None:
         rows = figures[case.name] = {"target": case.target, "learnt target": case.learnt}
         for preview in (False, True):
             name = "preview" if preview else "feedback"
-            exact = spread(run(setup, case, preview, None))
+            exact = spread(kept_run(kept, setup, case, preview, None))
             rows[name] = exact
             print(line(case.name, name, exact), flush=True)
-        report(case, rows, "learnt", [run(setup, case, True, None, LEARNING)])
-        wrong = [run(setup, case, True, seed, LEARNING) for seed in range(arguments.seeds)]
+        report(case, rows, "learnt", [kept_run(kept, setup, case, True, None, LEARNING)])
+        wrong = [
+            kept_run(kept, setup, case, True, seed, LEARNING) for seed in range(arguments.seeds)
+        ]
         first = rows["preview, mismatch"] = spread([cycles[0] for cycles in wrong])
         rows["met"] = bool(first["sensor"]["median"] <= case.target)
         verdict = f"to reach {case.target:g}: {'met' if rows['met'] else 'NOT met'}"
         print(line(case.name, f"preview, {arguments.seeds} wrong rigs", first, verdict), flush=True)
         report(case, rows, "learnt, mismatch", wrong)
-    write_figures(arguments.output, figures)
+    commits = sorted({entry["commit"] for entry in kept.found.values()})
+    write_figures(arguments.output, {"runs of commits": commits, **figures})
 
 
 if __name__ == "__main__":
