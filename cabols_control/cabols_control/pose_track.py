@@ -22,6 +22,12 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.pose_filters import (
+    POSE_FILTERS,
+    hear_step,
+    mean_of_filters,
+    restart_filters,
+)
 
 SMOOTHING = 0.5
 """Share of the newest difference in the accelerations."""
@@ -37,6 +43,9 @@ SPEED_MAX, TURNING_MAX = 1.0, 3.0
 """Speeds beyond these are no robot's under load [m/s], [rad/s]."""
 NOISE_MPS, NOISE_RADPS = 0.01, 0.1
 """Change of speed between two steps that noise of the poses may make."""
+NOISE_MOST_M, NOISE_MOST_RAD = 5e-4, 4e-3
+"""More may come of noise that the last poses showed: NOISY times their rms, and at most this."""
+NOISY = 3.0
 AHEAD_MOST_M, AHEAD_MOST_RAD = 0.02, 0.05
 """Most that a reference may be ahead of the platform [m], [rad]."""
 STAMP_WITHIN_S = 0.1
@@ -69,6 +78,8 @@ POSE_TRACK = np.dtype(
         ("position", np.float64, (3,)),  # newest, base frame [m]
         ("rotation", np.float64, (3, 3)),  # newest, platform to base axes
         ("mean", np.float64, (6,)),  # mean velocity over the last step [m/s], [rad/s], base axes
+        ("filters", POSE_FILTERS),
+        ("off", np.float64, (6,)),  # where the platform was, from the newest pose [m], [rad]
         ("speed", np.float64, (6,)),  # velocity at the newest pose
         ("gain", np.float64, (6,)),  # acceleration [m/s^2], [rad/s^2]
         ("place", np.float64, (3,)),  # extrapolated position [m]
@@ -139,6 +150,8 @@ def _begin(own: Any, time_s: float, position: FloatArray, rotation: FloatArray) 
     own["steps"], own["poses"], own["time"] = 0, 1, time_s
     own["position"][:], own["rotation"][:] = position, rotation
     own["speed"][:], own["gain"][:], own["mean"][:] = 0.0, 0.0, 0.0
+    own["off"][:] = 0.0
+    restart_filters(own["filters"])
 
 
 @njit(cache=True)
@@ -175,25 +188,33 @@ def hear_pose(track: Any, time_s: float, position: FloatArray, rotation: FloatAr
     change = mean - own["mean"]
     fits = _size(mean, 0) <= SPEED_MAX and _size(mean, 3) <= TURNING_MAX
     if known:
-        fits = fits and _size(change, 0) <= ACCELERATION_MAX * middle_s + NOISE_MPS
-        fits = fits and _size(change, 3) <= SPIN_MAX * middle_s + NOISE_RADPS
+        seen_m = min(NOISY * np.sqrt(own["filters"]["score"][0, 0]), NOISE_MOST_M)
+        seen_rad = min(NOISY * np.sqrt(own["filters"]["score"][1, 0]), NOISE_MOST_RAD)
+        noise, spin = NOISE_MPS + seen_m / dt_s, NOISE_RADPS + seen_rad / dt_s
+        fits = fits and _size(change, 0) <= ACCELERATION_MAX * middle_s + noise
+        fits = fits and _size(change, 3) <= SPIN_MAX * middle_s + spin
     if not fits:
         _begin(own, time_s, position, rotation)
         return Heard.BEGUN.value
+    filters = own["filters"]
+    hear_step(filters, mean * dt_s, dt_s, own["steps"] > 1)
+    # Views of one filter: that of the differences.
+    speed, gain = filters["speed"][0], filters["gain"][0]
     for k in range(6):
         if own["steps"] > 1:
-            own["gain"][k] += SMOOTHING * (change[k] / middle_s - own["gain"][k])
+            gain[k] += SMOOTHING * (change[k] / middle_s - gain[k])
         elif known:
-            own["gain"][k] = SMOOTHING * change[k] / middle_s
+            gain[k] = SMOOTHING * change[k] / middle_s
     own["steps"] = min(own["steps"] + 1, 2)
     own["time"], own["step"] = time_s, dt_s
     own["position"][:], own["rotation"][:], own["mean"][:] = position, rotation, mean
-    _bound(own["gain"], 0, ACCELERATION_MAX)
-    _bound(own["gain"], 3, SPIN_MAX)
+    _bound(gain, 0, ACCELERATION_MAX)
+    _bound(gain, 3, SPIN_MAX)
     for k in range(6):
-        if abs(mean[k]) < STILL and abs(own["gain"][k]) < STILL:
-            own["gain"][k] = 0.0
-        own["speed"][k] = mean[k] + 0.5 * own["gain"][k] * dt_s
+        if abs(mean[k]) < STILL and abs(gain[k]) < STILL:
+            gain[k] = 0.0
+        speed[k] = mean[k] + 0.5 * gain[k] * dt_s
+    mean_of_filters(filters, own["off"], own["speed"], own["gain"])
     return Heard.TAKEN.value
 
 
@@ -215,15 +236,16 @@ def place_platform(track: Any, now_s: float) -> bool:
     # Written so that a time that is not a number extrapolates nothing.
     fresh = dt_s <= own["horizon"]
     dt_s = dt_s if fresh else (own["horizon"] if dt_s > own["horizon"] else 0.0)
-    known = own["steps"] > 1
-    vector, changed = np.zeros(3), False
+    known = own["steps"] > 1 and own["horizon"] > 0.0
+    vector, way, changed = np.zeros(3), np.zeros(6), False
+    if known:
+        for k in range(6):
+            way[k] = own["off"][k] + own["speed"][k] * dt_s + 0.5 * own["gain"][k] * dt_s * dt_s
     for k in range(3):
-        step = own["speed"][k] * dt_s + 0.5 * own["gain"][k] * dt_s * dt_s if known else 0.0
-        value = own["position"][k] + step
+        value = own["position"][k] + way[k]
         changed = changed or value != own["place"][k]
         own["place"][k] = value
-        if known:
-            vector[k] = own["speed"][3 + k] * dt_s + 0.5 * own["gain"][3 + k] * dt_s * dt_s
+        vector[k] = way[3 + k]
     for k in range(6):
         moves = known and fresh
         own["acceleration"][k] = own["gain"][k] if moves else 0.0

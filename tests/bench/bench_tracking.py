@@ -3,9 +3,9 @@
 Each programme runs on the full plant as designed, and on plants that differ from what the rig's
 files say: gains and time constants of the motors by up to 20 %, k_e by 5 %, attachment points by
 2 mm, sensor gains by 0.5 % and cross-talk by 1 %, friction doubled. Then each rig repeats its
-programme and learns, LEARNING times. Printed is the rms of the axis
-that is commanded, against the sensor and against the truth, and of the other axes together. A run that
-was stopped goes on where it was (`--fresh` begins anew); the file of runs is told with the figures.
+programme and learns, LEARNING times. Printed is the rms of the axis that is commanded, against the
+sensor and against the truth, and of the other axes together. A run that was stopped goes on where
+it was (`--fresh` begins anew); the commits of the kept runs are written with the figures.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
-from line_journal import LineJournal
 from record import circumstances, write_figures
 
 from cabols_control.geometry import RigGeometry
@@ -33,6 +32,7 @@ from cabols_control.rig import Rig, load_rig
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_sim.plant.closed_loop import PERIOD_S, Mismatch, Trace, simulate
 from cabols_sim.plant.config import PlantConfig, load_plant
+from line_journal import LineJournal
 
 SETTLE_S = 1.5
 """At rest before the programme: the start of a load is not what is judged."""

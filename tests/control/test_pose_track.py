@@ -174,3 +174,69 @@ def test_a_stamp_of_another_clock_gives_way_to_the_arrival():
     assert pose_time(10.001, 10.004) == 10.001
     assert pose_time(1.7e9, 10.004) == 10.004
     assert pose_time(np.nan, 10.004) == 10.004
+
+
+NOISE_M, NOISE_RAD = 16e-6, 136e-6
+
+
+def starting(t):
+    """From rest to 100 mm/s within 0.1 s [m]."""
+    return 0.5 * min(max(t, 0.0), 0.1) ** 2 + 0.1 * max(t - 0.1, 0.0)
+
+
+def errors_of_noisy_poses(motion, until_s=3.0, seed=4):
+    """(k, 3) errors of place [m] and (k, 3) of rotation [rad], 6 ms after each pose."""
+    random = np.random.default_rng(seed)
+    track, places, turns = begun(), [], []
+    for t in np.arange(0.0, until_s, PERIOD_S):
+        place, vector = motion(t)
+        place = np.asarray(place, dtype=float) + random.normal(0.0, NOISE_M, 3)
+        hear_pose(track, t, place, turned(vector) @ turned(random.normal(0.0, NOISE_RAD, 3)))
+        place_platform(track, t + 0.006)
+        place, vector = motion(t + 0.006)
+        places.append(track["place"][0] - place)
+        error = track["turn"][0] @ turned(vector).T
+        turns.append(Rotation.from_matrix(error).as_rotvec())
+    return np.array(places)[50:], np.array(turns)[50:]
+
+
+def test_noise_of_a_platform_that_stands_is_not_multiplied():
+    """Differences of the newest poses would make 100 um and 900 urad of it: newtons at springs."""
+    places, turns = errors_of_noisy_poses(lambda _: ([0.0] * 3, [0.0] * 3))
+    assert places.std(axis=0).max() < 0.6 * NOISE_M
+    assert turns.std(axis=0).max() < 0.8 * NOISE_RAD
+
+
+@pytest.mark.parametrize(
+    ("motion", "most"),
+    [
+        (lambda t: ([0.02 * t, 0.0, 0.01 * t], [0.0, 0.0, 0.02 * t]), 2.0),
+        (lambda t: ([0.01 * np.sin(np.pi * t), 0.0, 0.0], [0.0] * 3), 3.0),
+        # At rest, then off at 100 mm/s within 0.1 s: what was learnt of rest must not hold it up.
+        (lambda t: ([starting(t - 2.0), 0.0, 0.0], [0.0] * 3), 4.0),
+    ],
+)
+def test_noise_is_filtered_without_a_lag_that_counts(motion, most):
+    places, _ = errors_of_noisy_poses(motion)
+    assert np.sqrt(np.mean(places[:, 0] ** 2)) < most * NOISE_M
+    assert np.abs(places).max() < 16.0 * NOISE_M
+
+
+def test_filters_leave_poses_without_noise_alone():
+    """A shaking that is told exactly is extrapolated as by the differences alone."""
+    track, off = begun(), []
+    for t in np.arange(0.0, 2.0, PERIOD_S):
+        hear_pose(track, t, np.array([0.01 * np.sin(4.0 * np.pi * t), 0.0, 0.0]), np.eye(3))
+        place_platform(track, t + 0.006)
+        off.append(track["place"][0, 0] - 0.01 * np.sin(4.0 * np.pi * (t + 0.006)))
+    assert np.std(off[50:]) < 8e-6
+
+
+def test_what_filters_knew_is_forgotten_by_a_jump():
+    track = begun()
+    last_s = follow(track, lambda _: ([0.0] * 3, [0.0] * 3), 1.0)
+    last_s = follow(
+        track, lambda t: (np.add(steady(t)[0], 0.05), steady(t)[1]), 1.1, start_s=last_s + PERIOD_S
+    )
+    place_platform(track, last_s + 0.006)
+    assert track["place"][0] == pytest.approx(np.add(steady(last_s + 0.006)[0], 0.05), abs=1e-10)
