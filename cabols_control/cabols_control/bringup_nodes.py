@@ -118,6 +118,15 @@ FRAMES = NodeSpec(
         "robot_rotation_xyz_deg",
     ),
 )
+POSE_ESTIMATOR = NodeSpec(
+    "cabols_control",
+    "pose_estimator",
+    (),
+    ("estimated_pose", "pose_agreement", "loop_status"),
+    role=Role.ESTIMATOR,
+    restarts=True,
+    takes=(*OF_EVERY_NODE, "other_cpu"),
+)
 ARGUMENTS = (
     Argument(
         "params_file",
@@ -186,6 +195,11 @@ ARGUMENTS = (
         unit="GB",
     ),
     Argument("frames", False, "publish /tf, /tf_static and robot_description (needs tf2_msgs)"),
+    Argument(
+        "pose_estimator",
+        False,
+        "hold robot, encoders, sensor and tracker against each other, and name what disagrees",
+    ),
     Argument("frame_prefix", "", "before each frame's name on /tf, such as rig2/"),
     Argument("console", False, "serve the operator's page on this machine"),
     Argument(
@@ -244,6 +258,15 @@ ARGUMENTS = (
     Argument("auto_start", False, "pre-tighten and load without a request"),
 )
 NODES = PackageNodes(
-    (SUPERVISOR, LIMB_CONTROLLER, WRENCH_CONTROLLER, LOAD_PROGRAM, RECORDER, CONSOLE, FRAMES),
+    (
+        SUPERVISOR,
+        LIMB_CONTROLLER,
+        WRENCH_CONTROLLER,
+        LOAD_PROGRAM,
+        RECORDER,
+        CONSOLE,
+        FRAMES,
+        POSE_ESTIMATOR,
+    ),
     ARGUMENTS,
 )

@@ -185,6 +185,18 @@ _ROWS = (
         "each reading of the laser tracker: position of a reflector [m] in the tracker's frame",
     ),
     Topic(
+        "estimated_pose",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        Quality.REPORT,
+        "pose of the platform by robot, encoders and sensor together, base frame [m], [rad]",
+    ),
+    Topic(
+        "pose_agreement",
+        "cabols_msgs/msg/PoseAgreement",
+        Quality.REPORT,
+        "robot, encoders, sensor and tracker against each other: which of them disagrees",
+    ),
+    Topic(
         "stiffness_load",
         "cabols_msgs/msg/StiffnessLoad",
         Quality.REPORT,

@@ -14,7 +14,8 @@ from launch import Action, LaunchContext, LaunchDescription
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
     values, given = argument_values(context, "rig")
-    graph = rig_graph(values["record"], values["campaign"], values["console"], values["frames"])
+    parts = ("record", "campaign", "console", "frames", "pose_estimator")
+    graph = rig_graph(**{part: values[part] for part in parts})
     return launch_nodes(complete(graph, values, given), context)
 
 

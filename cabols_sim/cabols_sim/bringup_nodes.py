@@ -113,6 +113,7 @@ def bench_graph(
     campaign: bool = False,
     console: bool = False,
     frames: bool = False,
+    pose_estimator: bool = False,
 ) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
@@ -131,8 +132,10 @@ def bench_graph(
         console: with the operator's page; in lockstep only with a robot, as otherwise the clock
             waits for the supervisor, whose operator time-out then cannot run.
         frames: with /tf.
+        pose_estimator: with the comparison of the pose's sources.
     """
-    nodes = answering(record, campaign, console and (robot or not lockstep), frames)
+    paced = console and (robot or not lockstep)
+    nodes = answering(record, campaign, paced, frames, pose_estimator)
     nodes += _devices(ports or Ports(), lockstep) if robot else [PLANT]
     if robot:
         nodes = [with_robot(node) for node in nodes]

@@ -24,6 +24,7 @@ def start(context: LaunchContext) -> list[Action]:
         campaign=values["campaign"],
         console=values["console"],
         frames=values["frames"],
+        pose_estimator=values["pose_estimator"],
     )
     return launch_nodes(complete(graph, values, given), context)
 

@@ -21,6 +21,7 @@ MODULE = "bringup_nodes"
 READERS_FIRST = (
     Role.CONSOLE,
     Role.FRAMES,
+    Role.ESTIMATOR,
     Role.RECORDER,
     Role.CONTROLLER,
     Role.PROGRAM,
@@ -64,7 +65,13 @@ def nodes_of(role: Role) -> list[NodeSpec]:
     return [node for node in all_nodes() if node.role is role]
 
 
-def answering(record: bool, campaign: bool, console: bool, frames: bool = False) -> list[NodeSpec]:
+def answering(
+    record: bool,
+    campaign: bool,
+    console: bool,
+    frames: bool = False,
+    pose_estimator: bool = False,
+) -> list[NodeSpec]:
     """What answers the clock, in starting order, without robot and clock.
 
     Args:
@@ -72,19 +79,25 @@ def answering(record: bool, campaign: bool, console: bool, frames: bool = False)
         campaign: with the nodes of stiffness campaigns.
         console: with the operator's page.
         frames: with /tf.
+        pose_estimator: with the comparison of the pose's sources.
     """
     wanted = {
         Role.RECORDER: record,
         Role.CAMPAIGN: campaign,
         Role.CONSOLE: console,
         Role.FRAMES: frames,
+        Role.ESTIMATOR: pose_estimator,
     }
     roles = (role for role in READERS_FIRST if wanted.get(role, True))
     return [node for role in roles for node in nodes_of(role)]
 
 
 def rig_graph(
-    record: bool = True, campaign: bool = False, console: bool = False, frames: bool = False
+    record: bool = True,
+    campaign: bool = False,
+    console: bool = False,
+    frames: bool = False,
+    pose_estimator: bool = False,
 ) -> list[NodeSpec]:
     """Nodes of a rig with hardware, in starting order: readers first, the clock last.
 
@@ -93,13 +106,14 @@ def rig_graph(
         campaign: with the nodes of stiffness campaigns.
         console: with the operator's page.
         frames: with /tf.
+        pose_estimator: with the comparison of the pose's sources.
     """
-    nodes = answering(record, campaign, console, frames)
+    nodes = answering(record, campaign, console, frames, pose_estimator)
     nodes += [*nodes_of(Role.ROBOT), *nodes_of(Role.CLOCK)]
     return [with_robot(node) for node in nodes]
 
 
 def with_robot(node: NodeSpec) -> NodeSpec:
     """Tell a node that behaves differently then that there is a robot."""
-    tells = node.role in (Role.CONTROLLER, Role.FRAMES)
+    tells = node.role in (Role.CONTROLLER, Role.FRAMES, Role.ESTIMATOR)
     return node.with_parameters(robot=True) if tells else node

@@ -40,6 +40,7 @@ BESIDE_READ = {
         *("reflector_measurement", "stiffness_estimate"),
     ),
     "supervisor": ("operator_heartbeat",),
+    "pose_estimator": ("reflector_measurement",),
     "recorder": tuple(FOREIGN),
 }
 """What nodes read beside the graph's rows, for which no clock and no loop waits."""

@@ -24,6 +24,7 @@ class Role(Enum):
 
     CONSOLE = "operator's page"
     FRAMES = "frames for viewers"
+    ESTIMATOR = "sources of the pose against each other"
     RECORDER = "recorder"
     CONTROLLER = "control loop"
     PROGRAM = "load programmes"

@@ -32,9 +32,13 @@ from .hypotheses import (
     tool_residual,
     unknowns,
 )
+from .noise import AgreementNoise
+from .tracker import Compared, Reading, TrackerAgreement
 
 NEVER = 1e-9
 """Probability of what noise does not explain, of one sample."""
+ODD_WRENCH = float(chi2.isf(NEVER, 6))
+"""Square of a residual beyond that."""
 DOUBTFUL = 1e-6
 """Probability below which a suspect does not explain what was gathered."""
 FRAMES = 10
@@ -49,27 +53,6 @@ TURN_FOR_TOOL = np.deg2rad(5.0)
 """Turn over which a wrong tool can be told from all else."""
 
 
-@dataclass(frozen=True)
-class AgreementNoise:
-    """What counts as agreement.
-
-    Attributes:
-        force: standard deviation of the sensor's force [N].
-        torque: likewise [N m].
-        stiffness: of each k_e, relative.
-        length: of a length by encoder and robot's pose, each cable [m].
-        reflector: of a reflector's place by the robot's pose, each axis [m].
-        samples: in a row that noise must not explain, until something is wrong.
-    """
-
-    force: float = 0.1
-    torque: float = 0.01
-    stiffness: float = 0.01
-    length: float = 1e-4
-    reflector: float = 2e-4
-    samples: int = 10
-
-
 @dataclass(frozen=True, eq=False)
 class Agreement:
     """What the sources say.
@@ -79,6 +62,8 @@ class Agreement:
         named: what disagrees with the others, where it can be told.
         candidates: what may; more than one until it can be told, none where all agree, or where
             nothing that is known of explains what is seen.
+        residual: (6,) sensor's wrench less what the cables give, base axes [N, N m].
+        deviation: (6,) standard deviation of each where all agree.
         position: (3,) of the platform by all of them, base frame [m].
         rotation: (3, 3) from platform to base axes.
         covariance: (6, 6) of position [m] and rotation vector [rad], base axes.
@@ -87,6 +72,8 @@ class Agreement:
     agree: bool
     named: Suspect | None
     candidates: tuple[Suspect, ...]
+    residual: FloatArray
+    deviation: FloatArray
     position: FloatArray
     rotation: FloatArray
     covariance: FloatArray
@@ -120,6 +107,7 @@ class AgreementMonitor:
         self._frames: list[Frame] = []
         self._newest: Frame | None = None
         self._in_doubt, self._most_turned = 0, 0.0
+        self._readings = TrackerAgreement(self.noise.tracker)
         self._tracker: tuple[Suspect, ...] = ()
         self._tracker_named = self._tracker_agreed = False
         self._judged: tuple[Suspect | None, tuple[Suspect, ...]] = (None, ())
@@ -155,6 +143,8 @@ class AgreementMonitor:
         wound: FloatArray,
         tension: FloatArray,
         wrench: FloatArray,
+        travel: float = 0.0,
+        acceleration: float = 0.0,
     ) -> Agreement | None:
         """Take one sample.
 
@@ -165,19 +155,21 @@ class AgreementMonitor:
             tension: (n,) k_e times elongation [N].
             wrench: (6,) of the cables on the platform by the sensor, about the platform's origin,
                 base axes [N, N m].
+            travel: how far the pose may be off by the motion, standard deviation [m].
+            acceleration: of the platform, about [m/s^2].
 
         Returns:
             What the sources say; None before the zeros, or where the sample is not finite.
         """
-        given = np.concatenate([position, np.ravel(rotation), wound, tension, wrench])
+        given = np.concatenate(
+            [position, np.ravel(rotation), wound, tension, wrench, [travel, acceleration]]
+        )
         if self._zero is None or not np.isfinite(given).all():
             return None
         matrix = structure_matrix(self.geometry, position, rotation)
-        scatter = np.hypot(
-            self.noise.stiffness * np.abs(tension), self.stiffness * self.noise.length
+        covariance = self.noise.covariance(
+            matrix, self.stiffness, tension, wrench, travel, acceleration
         )
-        covariance = (matrix * scatter**2) @ matrix.T
-        covariance += np.diag([self.noise.force**2] * 3 + [self.noise.torque**2] * 3)
         frame = Frame(
             wrench - matrix @ tension,
             covariance,
@@ -188,7 +180,7 @@ class AgreementMonitor:
             np.array(position),
         )
         self._newest = frame
-        odd = _square(frame.residual, covariance) > chi2.isf(NEVER, 6)
+        odd = _square(frame.residual, covariance) > ODD_WRENCH
         if not self._frames:
             self._in_doubt = self._in_doubt + 1 if odd else 0
             if not odd and _differs(frame, self._before):
@@ -199,26 +191,56 @@ class AgreementMonitor:
             self._judged = self._judge()
         return self._agreement(frame)
 
-    def reflector(self, measured: FloatArray, expected: FloatArray, std: float) -> None:
-        """Take a measurement of the tracker.
+    def reflector(
+        self, measured: FloatArray, expected: FloatArray, std: float, at: Reading | None = None
+    ) -> Compared | None:
+        """Take a measurement of the tracker, of the newest sample's pose unless told otherwise.
 
         Args:
             measured: (3,) of the reflector, base frame by the tracker's registration [m].
             expected: (3,) of it by the robot's pose [m].
             std: standard deviation of the measurement, each axis [m].
+            at: the same with all that is known of it; the other arguments are then not used.
+
+        Returns:
+            How far it is from where it was expected; None before the first sample.
         """
-        away = np.asarray(measured, dtype=np.float64) - np.asarray(expected, dtype=np.float64)
-        if self._newest is None or not np.isfinite(away).all():
-            return
-        variance = self.noise.reflector**2 + std**2
-        if not away @ away > variance * chi2.isf(NEVER, 3):
+        frame = self._newest
+        if frame is None:
+            return None
+        reading = at or Reading(
+            reflector=0,
+            measured=np.asarray(measured, dtype=np.float64),
+            expected=np.asarray(expected, dtype=np.float64),
+            arm=np.zeros(3),
+            position=frame.position,
+            rotation=frame.rotation,
+            wrench=frame.residual + frame.matrix @ frame.tension,
+            std=std,
+        )
+        if not reading.usable:
+            return None
+        found = self._readings.compare(reading)
+        if found.probability >= NEVER:
+            self._readings.keep(reading)
             self._tracker_agreed = True
-            return
+            return found
         tracker, tool = Suspect(Fault.TRACKER), Suspect(Fault.ROBOT_TOOL)
         # A tool that was right since the zeros does not change by itself.
-        right = self._tracker_agreed or self._would_tell(away)
+        right = self._tracker_agreed or self._would_tell(found.away)
         self._tracker_named = not self._frames and right
         self._tracker = (tracker,) if self._tracker_named else (tracker, tool)
+        return found
+
+    def again(self) -> Agreement:
+        """Answer for the newest sample, after a measurement of the tracker.
+
+        Raises:
+            RuntimeError: before the first sample.
+        """
+        if self._newest is None:
+            raise RuntimeError("expected a sample of the cables first")
+        return self._agreement(self._newest)
 
     def _would_tell(self, away: FloatArray) -> bool:
         """Whether the cables would show a tool that is wrong by what the tracker sees."""
@@ -227,7 +249,7 @@ class AgreementMonitor:
             return False
         error = np.concatenate([frame.rotation.T @ away, np.zeros(3)])
         seen = tool_residual(frame, zero, self.stiffness, self._cables, error)
-        return bool(_square(seen, frame.covariance) > chi2.isf(NEVER, 6))
+        return bool(_square(seen, frame.covariance) > ODD_WRENCH)
 
     def _judge(self) -> tuple[Suspect | None, tuple[Suspect, ...]]:
         """Return the suspect that is named, if any, and all that explain what was gathered."""
@@ -307,12 +329,14 @@ class AgreementMonitor:
         move = np.zeros(6) if self._frames else -share @ frame.residual
         covariance = self._prior - share @ gain @ self._prior
         return Agreement(
-            not (self._frames or self._tracker),
-            named,
-            candidates,
-            frame.position + move[:3],
-            _turned_by(move[3:]) @ frame.rotation,
-            0.5 * (covariance + covariance.T),
+            agree=not (self._frames or self._tracker),
+            named=named,
+            candidates=candidates,
+            residual=frame.residual,
+            deviation=np.sqrt(np.diag(frame.covariance)),
+            position=frame.position + move[:3],
+            rotation=_turned_by(move[3:]) @ frame.rotation,
+            covariance=0.5 * (covariance + covariance.T),
         )
 
 

@@ -77,6 +77,9 @@ class FaultName(str, Enum):
     EMERGENCY_STOP = "emergency_stop"
     SECOND_PUBLISHER = "second_publisher"
     """Two nodes publish a topic that has one publisher."""
+    # Found by the pose estimator.
+    POSE_SOURCES = "pose_sources"
+    """Robot, encoders, sensor or tracker disagree about the platform's pose; a notice."""
     # Found by the stiffness identification.
     IDENTIFICATION = "identification"
     OTHER = "other"

@@ -144,6 +144,7 @@ def run_bench(
         values.get("campaign", False),
         values.get("console", False),
         values.get("frames", False),
+        values.get("pose_estimator", False),
     )
     values = {"robot_watch": min(SILENCE_S / values.get("speed", 1.0), 10.0), **values}
     nodes = [_stand_in(node, stand_ins or {}) for node in complete(graph, values, values)]
