@@ -170,7 +170,7 @@ def run(
     plant, mismatch = setup.plant, None
     if seed is not None:
         plant, mismatch = wrong_rig(rig, plant, seed)
-    learnt, followed, found = nothing_learnt(shaped, ""), shaped, []
+    learnt, followed, found = nothing_learnt(shaped, "", *place), shaped, []
     for cycle in range(cycles + 1):
         reference = followed.reference.sample(np.arange(0.0, shaped.duration, PERIOD_S))
         desired = np.vstack([rest, reference])

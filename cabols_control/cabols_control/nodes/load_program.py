@@ -17,7 +17,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_control.frames import load_wrench_frames
 from cabols_control.load_programs.feasibility import ProgramCheck, check_shaped
-from cabols_control.load_programs.lessons import School
+from cabols_control.load_programs.learning import is_same_place
 from cabols_control.load_programs.motor_demand import fastest_preview
 from cabols_control.load_programs.preview import ShapedProgram, as_given
 from cabols_control.load_programs.programs import load_program
@@ -29,6 +29,7 @@ from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.refusal import Refusal, serve
 from cabols_control.ros.sessions import ModeInput
+from cabols_control.ros.taught_runs import TaughtRuns
 from cabols_control.ros.threads.pause import pause
 from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.rotations import read_pose
@@ -64,10 +65,11 @@ class LoadProgramNode(ControlNode):
         rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
         self._held_s = 0.0 if self.paced else 1.0 / rate
         learns = declare_row(self, CONTROL_NODES.argument("learn"))
-        self._school = School(self.rig, self._held_s) if learns and self._preview else None
+        self._taught = TaughtRuns(self, self._held_s) if learns and self._preview else None
         geometry = self.rig.geometry
         self._frames = load_wrench_frames(geometry, self.rig_folder)
         self._reference: Place = (geometry.reference_position, geometry.reference_rotation)
+        self._first_asked = (name, scale)
         self._first = self._shape(name, scale, self._reference) if name else None
         self._records = {
             frame: topics.wrench_layout(frame).record() for frame in self._frames.names
@@ -99,7 +101,7 @@ class LoadProgramNode(ControlNode):
             self._loop = ControlLoop(self, self._wrench, [self._mode], self._answer, True)
             self._loop.prepare = self.prepare_thread
         else:
-            if self._school is not None:
+            if self._taught is not None:
                 platform = topics.wrench_layout(self.rig.geometry.platform_frame)
                 self._wrench = Input(self, "wrench", platform)
             self._loop = Ticker(self.context, 1.0 / rate, self._tick)
@@ -112,14 +114,17 @@ class LoadProgramNode(ControlNode):
         Raises:
             CabolsError: if it cannot be used.
         """
-        program = load_program(name).scaled(scale or 1.0)
+        program = asked = load_program(name).scaled(scale or 1.0)
         if frame:
             # Linear, so that smoothing and preview are the same in every frame.
             program = replace(program, wrench=self._frames.to_base(frame, program.wrench, *place))
         if not self._preview:
             return as_given(program)
         shaped = fastest_preview(program, self.rig, *place, self._held_s)
-        return shaped if self._school is None else self._school.apply(shaped, *place)
+        if self._taught is None:
+            return shaped
+        definition = self._frames.record(frame).tobytes() if frame else b""
+        return self._taught.apply(shaped, place, (asked, definition))
 
     def begin(self) -> None:
         """Start publishing."""
@@ -148,9 +153,9 @@ class LoadProgramNode(ControlNode):
             self._advance(1e-9 * now_ns)
             if self._running is not None:
                 self._publish(now_ns)
-                if self._school is not None:
+                if self._taught is not None:
                     self._wrench.take()
-                    self._note()
+                    self._taught.note(self._began_s, self._now_s, self._wrench)
         self._end_if_asked()
 
     def _answer(self) -> None:
@@ -158,16 +163,10 @@ class LoadProgramNode(ControlNode):
         with self._lock:
             self._advance(1e-9 * stamp_ns)
             self._publish(stamp_ns)
-            if self._school is not None and self._running is not None:
-                self._note()
+            if self._taught is not None and self._running is not None:
+                self._taught.note(self._began_s, self._now_s, self._wrench)
         self.status.cycle(stamp_ns, RUNNING)
         self._end_if_asked()
-
-    def _note(self) -> None:
-        """Keep the newest measured wrench for what the run teaches."""
-        record = self._wrench.record
-        if record is not None and self._school is not None:
-            self._school.note(1e-9 * self._wrench.stamp_ns - self._began_s, record["wrench"])
 
     def _end_if_asked(self) -> None:
         """After the programme request STOPPED; end when it is reached, or after a second."""
@@ -202,7 +201,7 @@ class LoadProgramNode(ControlNode):
         """Begin or end a programme."""
         self._now_s = now_s
         if self._first is not None and self._loading():
-            self._start(self._first)
+            self._start(self._first_here(self._first))
             self._first = None
         if self._running is None:
             return
@@ -218,10 +217,25 @@ class LoadProgramNode(ControlNode):
             self._placed = self._frames.record(self._frame)
             place_frame(self._placed, *(np.array(part) for part in place))
 
+    def _first_here(self, program: ShapedProgram) -> ShapedProgram:
+        """Shape the programme of the start again if the platform is not where the drawing has it.
+
+        What is learnt belongs to a pose, and measured wrenches are turned by it.
+        """
+        if self._taught is None:
+            return program
+        try:
+            place = self._pose_now()
+        except CabolsError:
+            return program
+        if is_same_place(place, self._reference):
+            return program
+        return self._shape(*self._first_asked, place)
+
     def _start(self, program: ShapedProgram) -> None:
         self._running, self._began_s, self._verdict = program, self._now_s, ""
-        if self._school is not None:
-            self._school.begin(program)
+        if self._taught is not None:
+            self._taught.begin(program)
         self.get_logger().info(f"programme {program.name}: {program.duration:g} s")
 
     def _finish(self, verdict: str, code: ResultCode) -> None:
@@ -229,8 +243,8 @@ class LoadProgramNode(ControlNode):
         self._frame, self._placed = self._frames.names[0], None
         self._code = code
         self.get_logger().info(verdict or "programme done")
-        if self._school is not None and code == ResultCode.DONE:
-            self.get_logger().info(self._school.finish())
+        if self._taught is not None and code == ResultCode.DONE:
+            self._taught.finish()
 
     def _publish(self, stamp_ns: int) -> None:
         program, time_s = self._running, self._now_s - self._began_s
