@@ -168,7 +168,7 @@ def fit(
     found = _gauss_newton(observations, model, found.parameters, everything, huber, HUBER_STEPS)
     for _ in range(5):
         use = inliers(found.distances, m)
-        if not use.mean() >= 1.0 - TOO_MANY:
+        if too_many(observations, use):
             raise OutliersError(
                 f"samples: expected at most {100 * TOO_MANY:.0f} % outliers, got {(~use).sum()} of "
                 f"{k}; check units, axes and signs of wrench and deflection"
@@ -188,6 +188,17 @@ def inliers(distances: FloatArray, m: IntArray) -> BoolArray:
     """
     limit = chi2.ppf((1.0 - FALSE_ALARM) ** (1.0 / distances.size), np.maximum(m, 1))
     return np.asarray(distances <= limit * max(_robust_scale(distances, m), 1.0))
+
+
+def too_many(observations: Observations, use: BoolArray) -> bool:
+    """Whether so many samples do not fit the others that the data are refused.
+
+    Args:
+        observations: of the samples; unloaded ones fit any stiffness and are not counted.
+        use: (k,) samples that fit.
+    """
+    loaded = (observations.samples.wrench != 0.0).any(axis=1)
+    return not (~use).sum() <= TOO_MANY * max(int(loaded.sum()), 1)
 
 
 def _robust_scale(distances: FloatArray, m: IntArray) -> float:

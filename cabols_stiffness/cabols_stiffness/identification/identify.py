@@ -23,8 +23,9 @@ from scipy.stats import t as student
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError
-from cabols_stiffness.identification.adequacy.judge import judge
+from cabols_stiffness.identification.adequacy.judge import judge, wrong_magnitude
 from cabols_stiffness.identification.adequacy.normal import LEAST_MEAN, RandomEffects
+from cabols_stiffness.identification.adequacy.span import wrong_span
 from cabols_stiffness.identification.adequacy.wrong_data import wrong_data
 from cabols_stiffness.identification.gauss_newton import (
     Fitted,
@@ -54,6 +55,16 @@ WORST_CUBIC = 0.1
 torque there, above which the cubic term is not identified."""
 
 CONFIDENCE = 0.95
+
+UNFITTED = (
+    "samples: expected motions that a robot's joints can make under these wrenches, got such that "
+    "no stiffness can be fitted; check the units of position, force and torque"
+)
+
+BELOW = (
+    ". Numbers whose stated deviation is far beyond the motion do not count: if they were "
+    "measured, check the unit of the motion and the stated deviations"
+)
 
 FRICTION_ROUNDS = 6
 """Most rounds of detecting friction and fitting again."""
@@ -98,10 +109,9 @@ def identify(
             observations, model, start=start, robust=robust, hysteresis=hysteresis
         )
     except OutliersError as error:
-        causes = [one.text for one in wrong_data(usable.samples, robot)]
-        if not causes:
-            raise
-        raise OutliersError(f"{error}; {'; '.join(causes)}") from error
+        raise OutliersError("; ".join([str(error), *_causes(observations)])) from error
+    except np.linalg.LinAlgError as error:
+        raise IdentificationError("; ".join([UNFITTED, *_causes(observations)])) from error
     if model != AS_PUBLISHED and judged:
         opinion = judge(observations, found, estimated, result.friction_reach)
         verdict = replace(opinion.verdict, missing=usable.missing, repeated=usable.repeated)
@@ -113,6 +123,14 @@ def identify(
         outliers=usable.rows[result.outliers],
         origin=origin_of(usable.samples, robot),
     )
+
+
+def _causes(observations: Observations) -> list[str]:
+    """What may be wrong with data that no fit explains, for people."""
+    samples, robot = observations.samples, observations.robot
+    found = [*wrong_span(samples, robot), *wrong_data(samples, robot)]
+    found += wrong_magnitude(start_stiffness(observations))
+    return [one.text for one in found]
 
 
 def origin_of(samples: PointSamples | Samples, robot: RobotModel) -> Origin:
@@ -204,6 +222,8 @@ def _check_count(observations: Observations, model: str) -> None:
     samples, k = observations.samples, len(observations.samples)
     numbers = int(observations.numbers.sum())
     axes = int(observations.numbers.max(initial=0))
+    value = samples.position if isinstance(samples, PointSamples) else samples.deflection
+    measured = int(np.isfinite(value).sum())
     n = observations.robot.n
     unknowns = n if model == LINEAR else 2 * n
     if isinstance(samples, PointSamples):
@@ -216,6 +236,7 @@ def _check_count(observations: Observations, model: str) -> None:
         raise IdentificationError(
             f"samples: expected more than {unknowns} measured numbers for as many unknowns "
             f"({what}), got {numbers} from {k} samples; measure more loads"
+            + (BELOW if numbers < measured else "")
         )
 
 

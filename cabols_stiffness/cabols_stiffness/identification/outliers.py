@@ -26,6 +26,7 @@ from cabols_stiffness.identification.gauss_newton import (
     Parameters,
     fit,
     inliers,
+    too_many,
 )
 from cabols_stiffness.identification.observations import Observations, Whitened, whiten
 
@@ -79,6 +80,8 @@ def _scattered(observations: Observations, model: Model, start: Parameters) -> F
     spread = own @ own.swapaxes(1, 2) + np.eye(own.shape[1])
     weighted = np.linalg.solve(spread, residual[..., None])[..., 0]
     use: BoolArray = inliers(np.sum(residual * weighted, axis=1), observations.numbers)
+    if too_many(observations, use):
+        return None
     found = fit(observations, model, whole.parameters, robust=False, use=use)
     return found if _parts(observations, found)[1].variance <= MOST_VARIANCE else None
 

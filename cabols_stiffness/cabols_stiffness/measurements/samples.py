@@ -59,6 +59,8 @@ class PointSamples:
         position: (k, 3) of the reflector, robot's base axes [m]; its constant part is not used.
             NaN: this number was not measured.
         position_covariance: (k, 3, 3) in base axes [m^2].
+        wrench_turned: (k,) whose wrench was given in base axes and turned into the tool's by the
+            joints: mistakes in it are looked for as it was given; None: none, and stored so.
     """
 
     configuration: IntArray
@@ -73,6 +75,7 @@ class PointSamples:
     offset: FloatArray
     position: FloatArray
     position_covariance: FloatArray
+    wrench_turned: BoolArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes, finiteness, branches and covariances; freeze the arrays.
@@ -90,6 +93,7 @@ class PointSamples:
         _check_common(self, k)
         position = covariances("position_covariance", self.position_covariance, k, 3, True)
         _freeze(self, "position_covariance", position)
+        _freeze_turned(self, k)
 
     def __len__(self) -> int:
         """Number k of samples."""
@@ -113,6 +117,8 @@ class Samples:
             this number was not measured.
         deflection_covariance: (k, 6, 6) in base axes.
         reference_wrench: (k, 6) at which the deflection counts as zero; None: zeros, and stored so.
+        wrench_turned: (k,) whose wrench was given in tool axes and turned into the base's by the
+            joints, as in PointSamples.
     """
 
     configuration: IntArray
@@ -124,6 +130,7 @@ class Samples:
     deflection: FloatArray
     deflection_covariance: FloatArray
     reference_wrench: FloatArray | None = None
+    wrench_turned: BoolArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes, finiteness, branches and covariances; freeze the arrays.
@@ -141,6 +148,7 @@ class Samples:
         _freeze(self, "deflection_covariance", deflection)
         reference = np.zeros((k, 6)) if self.reference_wrench is None else self.reference_wrench
         _freeze(self, "reference_wrench", finite_array("reference_wrench", reference, (k, 6)))
+        _freeze_turned(self, k)
 
     def __len__(self) -> int:
         """Number k of samples."""
@@ -255,7 +263,21 @@ def _integers(name: str, value: ArrayLike, k: int) -> IntArray:
     return whole
 
 
-def _freeze(samples: PointSamples | Samples, name: str, value: FloatArray | IntArray) -> None:
+def _freeze_turned(samples: PointSamples | Samples, k: int) -> None:
+    value = samples.wrench_turned
+    if value is None:
+        value = np.zeros(k, dtype=np.bool_)
+    turned = np.asarray(value)
+    if turned.shape != (k,) or turned.dtype != np.bool_:
+        raise ShapeError(
+            f"wrench_turned: expected {k} of true and false, got {turned.dtype} of {turned.shape}"
+        )
+    _freeze(samples, "wrench_turned", turned)
+
+
+def _freeze(
+    samples: PointSamples | Samples, name: str, value: FloatArray | IntArray | BoolArray
+) -> None:
     value = value.copy()
     value.setflags(write=False)
     object.__setattr__(samples, name, value)

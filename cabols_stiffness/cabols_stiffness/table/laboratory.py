@@ -108,6 +108,7 @@ def _poses(
         wrench_covariance=to_base @ np.diag(deviation**2) @ to_base.swapaxes(1, 2),
         deflection=np.concatenate([moved, turned], axis=1),
         deflection_covariance=np.broadcast_to(noise, (k, 6, 6)),
+        wrench_turned=np.full(k, stated.follows),
     )
 
 
@@ -132,6 +133,7 @@ def _points(
         offset=np.tile(stated.reflector, (k, 1)),
         position=position,
         position_covariance=np.broadcast_to(noise, (k, 3, 3)),
+        wrench_turned=np.full(k, not stated.follows),
     )
 
 
@@ -162,6 +164,7 @@ def _pairs(
         offset=np.tile(stated.reflector, (2 * k, 1)),
         position=both(moved, np.zeros((k, 3))),
         position_covariance=both(noise, exact),
+        wrench_turned=np.full(2 * k, not stated.follows),
     )
 
 

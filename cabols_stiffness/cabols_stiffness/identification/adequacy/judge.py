@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from cabols_control.checks import FloatArray, IntArray
+from cabols_stiffness.identification.adequacy.between import CHANCE, SHARE, predicted_share
 from cabols_stiffness.identification.adequacy.normal import (
     CERTAIN,
     RandomEffects,
@@ -19,6 +20,7 @@ from cabols_stiffness.identification.adequacy.normal import (
     leave_one_out,
     random_effects,
 )
+from cabols_stiffness.identification.adequacy.span import wrong_span
 from cabols_stiffness.identification.adequacy.suspects import suspects
 from cabols_stiffness.identification.adequacy.texts import text_of
 from cabols_stiffness.identification.adequacy.wrong_data import is_reason, wrong_data
@@ -97,7 +99,10 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
     tried = _whitened(observations, found, suspects(observations, found, model.cubic))
     freedom_left = parts.within_freedom if scattered else found.freedom
     apart = configuration if scattered else 0 * configuration
-    named = _named(base, residual, tried, apart, max(freedom_left, 1), found)
+    noise = float(numbers.sum()) * parts.variance if scattered else None
+    named = _named(
+        base, residual, tried, (apart, configuration), max(freedom_left, 1), found, noise
+    )
     between = random_effects(parts, n) if scattered else None
     findings = [*named, *_magnitude(found), *_friction(found, travel)]
     inside = parts.variance if scattered else found.chi_square / freedom
@@ -126,9 +131,9 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
                 far,
             )
         )
-    mistakes: list[Finding] = []
+    mistakes = wrong_span(observations.samples, observations.robot)
     if not chance > UNSUSPICIOUS or scattered:
-        mistakes = wrong_data(observations.samples, observations.robot, found.line, scattered)
+        mistakes += wrong_data(observations.samples, observations.robot, found.line, scattered)
     findings += mistakes
     findings.sort(key=lambda one: (not one.grave, one.probability, -one.improvement))
     explained, by_axis, share_of_joint = _explained(base, residual, found, n)
@@ -181,15 +186,21 @@ def _named(
     columns: FloatArray,
     residual: FloatArray,
     tried: Iterable[tuple[Suspect, FloatArray]],
-    apart: IntArray,
+    apart: tuple[IntArray, IntArray],
     freedom: int,
     found: Fitted,
+    noise: float | None,
 ) -> list[Finding]:
-    """Score tests, beside parameters of its own for each number in apart (k,)."""
+    """Score tests, beside parameters of its own for each number in the first of apart (k,).
+
+    With the noise's sum of squares also whether a suspect explains how configurations (second of
+    apart) differ.
+    """
     target = residual.ravel()
     base = columns.reshape(target.size, -1)
     p = base.shape[1]
-    bases = _bases(base, np.repeat(apart, residual.shape[1]))
+    groups, configuration = (np.repeat(one, residual.shape[1]) for one in apart)
+    bases = _bases(base, groups)
     rest = _across(bases, target[:, None])[:, 0]
     squares, deviation = float(rest @ rest), _deviation(base)
     results = []
@@ -206,7 +217,12 @@ def _named(
         gain = float(np.sum((directions.T @ rest) ** 2))
         ratio = gain / count / max((squares - gain) / (freedom - count), 1e-300)
         chance = float(fisher.sf(ratio, count, freedom - count))
-        if not chance < FALSE_ALARM:
+        between = noise is not None and not chance < FALSE_ALARM
+        if noise is not None and between:
+            told, chance = predicted_share(base, matrix, target, configuration, noise)
+            if not (told >= SHARE and chance < CHANCE):
+                continue
+        elif not chance < FALSE_ALARM:
             continue
         scale = np.maximum(np.linalg.norm(base, axis=0), 1e-300)
         both = np.hstack([base / scale, matrix])
@@ -214,6 +230,8 @@ def _named(
         elastic = found.elastic
         shift = np.abs(change[elastic])
         grave = bool(((shift > MATTERS) & (shift > deviation[elastic])).any())
+        # Stiffness that varies with the angle does scatter, and pooling holds that.
+        grave = grave and not (between and suspect is Suspect.VARYING)
         share = gain / max(found.chi_square, 1e-300)
         text = text_of(suspect, float(shift.max()))
         results.append(Finding(suspect, text, share, chance, float(shift.max()), grave))
@@ -280,10 +298,16 @@ def _friction(found: Fitted, travel: FloatArray) -> list[Finding]:
 
 def _magnitude(found: Fitted) -> list[Finding]:
     stiffness = 1.0 / found.parameters.compliance
-    known = ~found.unidentifiable[: stiffness.size]
-    if not known.any():
-        return []
-    middle = float(np.median(stiffness[known]))
+    return wrong_magnitude(stiffness[~found.unidentifiable[: stiffness.size]])
+
+
+def wrong_magnitude(stiffness: FloatArray) -> list[Finding]:
+    """One finding if no robot has the median of such stiffness, else none.
+
+    Args:
+        stiffness: of the joints that are known [N m/rad].
+    """
+    middle = float(np.median(stiffness)) if stiffness.size else PLAUSIBLE[0]
     least, largest = PLAUSIBLE
     if least <= middle <= largest:
         return []

@@ -111,8 +111,10 @@ def blocks(
         explained, one = _own(matrix[i], target[i])
         own, rank = own + explained, rank + one
     freedom = round(float(numbers.sum())) - rank
-    left = float(np.sum(residual**2)) - own
-    return Blocks(found, matrix, target, left / max(freedom, 1), freedom)
+    left = max(float(np.sum(residual**2)) - own, 0.0)
+    # Where nothing is left over, the noise is what the measurement states.
+    variance = left / freedom if freedom > 0 else 1.0
+    return Blocks(found, matrix, target, max(variance, 1e-12), freedom)
 
 
 def heterogeneity(found: Blocks) -> Heterogeneity:

@@ -23,6 +23,7 @@ Data = PointSamples | Samples
 
 FORCE = np.repeat([1.0, 0.0], 3)
 TORQUE = 1.0 - FORCE
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 TORQUE_UNITS = {
     "N mm": 1e-3,
@@ -65,6 +66,14 @@ class Statics:
         wrench = samples.wrench
         if isinstance(samples, Samples) and samples.reference_wrench is not None:
             wrench = wrench - samples.reference_wrench
+        points = isinstance(samples, PointSamples)
+        turned = samples.wrench_turned
+        self.given_in_tool = points
+        if turned is not None and turned.size and turned.all():
+            # As it was given, so that a wrong joint or axis is tried on what was measured.
+            rotation = robot.posture(samples.joints).rotation
+            wrench = turn(rotation if points else rotation.swapaxes(1, 2), wrench)
+            self.given_in_tool = not points
         self.wrench = wrench
 
     def right(self) -> Trial:
@@ -89,8 +98,7 @@ class Statics:
         samples = self.samples
         posture = self.robot.posture(samples.joints if joints is None else joints)
         load = self.wrench if wrench is None else wrench
-        points = isinstance(samples, PointSamples)
-        if points is not elsewhere:
+        if self.given_in_tool is not elsewhere:
             load = turn(posture.rotation, load)
         if isinstance(samples, PointSamples):
             arm = offset * np.einsum("kij,kj->ki", posture.rotation, samples.offset)
@@ -104,6 +112,9 @@ class Statics:
         for name, which in signs:
             text = f"the sign of the {name} seems wrong"
             yield self._scaled(Suspect.SIGN, text, 1.0 - 2.0 * which)
+        for i, name in enumerate(COMPONENTS):
+            text = f"the sign of {name} seems wrong"
+            yield self._scaled(Suspect.SIGN, text, 1.0 - 2.0 * (np.arange(6) == i))
         for unit, factor in TORQUE_UNITS.items():
             yield self._scaled(
                 Suspect.UNIT, f"torques seem to be in {unit}", FORCE + factor * TORQUE
@@ -121,9 +132,7 @@ class Statics:
         yield Trial(
             Suspect.AXES, "forces and torques seem to be exchanged", *self._with(wrench=swapped)
         )
-        stated, other = (
-            ("tool", "base") if isinstance(self.samples, PointSamples) else ("base", "tool")
-        )
+        stated, other = ("tool", "base") if self.given_in_tool else ("base", "tool")
         text = f"the wrench seems to be in the {other}'s axes, not in the {stated}'s"
         yield Trial(Suspect.AXES, text, *self._with(elsewhere=True))
 
