@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.in_process.command import SEEDS, run_generated
 from cabols_sim.fault_campaign.in_process.kinds import STATES, WIRED, generated_kinds
 from cabols_sim.fault_campaign.in_process.summary import generated_holds, summarise_generated
 from cabols_sim.fault_campaign.in_process.trials import Bench, run_trial
 from cabols_sim.fault_campaign.kinds import KINDS
+from cabols_sim.plant.miswiring import Miswiring
 
 ALONE_N = 15.0
 """What the bridge's own law leaves on a cable while a robot still moves."""
@@ -128,3 +130,16 @@ def test_campaign_goes_on_where_it_was(tmp_path, capsys):
         run_generated(tmp_path, seeds=2, only="free: pose jumps")
         assert f"{trials} generated trials" in capsys.readouterr().out
     assert len((tmp_path / "generated.jsonl").read_text().splitlines()) == 2
+
+
+@pytest.mark.parametrize("limbs", [(1, 3), (5, 7), (0, 4), (2, 6)])
+def test_exchanged_switches_are_found_before_a_limb_has_a_wrong_zero(bench, limbs):
+    """In this plant limbs 1 and 3, and 5 and 7, get tight within a millisecond of each other."""
+    rig = bench.started(1)
+    rig.plant.wiring = Miswiring.of("switches_exchanged", *limbs)
+    rig.mode = OperatingMode.PRETIGHTENING
+    rig.run(4.0, lambda: rig.guard.fault is not None or bool(rig.bridge.zeroed.all()))
+    assert rig.guard.fault is not None
+    assert rig.guard.fault.name == FaultName.SWITCH
+    assert not rig.bridge.zeroed.all()
+    assert rig.plant.tension.max() < 50.0

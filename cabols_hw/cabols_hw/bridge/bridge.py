@@ -232,8 +232,9 @@ class Bridge:
     def take(self, sample: CardSample, mode: OperatingMode, zeroing: int = 0) -> None:
         """Update all attributes from one sample.
 
-        In PRETIGHTENING the sample at which a limb's switch closes (from open) sets its zero: there
-        the tension is the switch's 4.7 N, so that elongation counts from the unloaded spring.
+        In PRETIGHTENING the sample at which a limb's switch closes (from open) for the third time
+        sets its zero: there the tension is the switch's 4.7 N, so that elongation counts from the
+        unloaded spring. Why not the first: see scaling.CLOSINGS.
         When the mode becomes PRETIGHTENING, or its number changes, all zeros are dropped.
 
         Args:
@@ -276,6 +277,7 @@ class Bridge:
         """Follow another mode; a new pre-tightening drops the zeros of the one before."""
         if mode == OperatingMode.PRETIGHTENING:
             self._work["limbs"]["zero"] = np.nan
+            self._work["limbs"]["closings"] = 0
             self.zeroed[:] = False
             self.zeroing[0] = zeroing
         self._mode, self._zeroing = mode, zeroing

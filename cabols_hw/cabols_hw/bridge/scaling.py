@@ -12,6 +12,10 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_hw.card.config import ENCODER_MODULUS
 
 HALF_MODULUS = ENCODER_MODULUS // 2
+CLOSINGS = 3
+"""Closings of a switch before one sets its limb's zero. Until then the limb pays out while it is
+closed. Of two limbs whose switches are exchanged each moves by the other's: one then pays out and
+the other winds in, ever farther, but for a zero that both find at the same instant."""
 
 
 LIMB_READING = np.dtype(
@@ -19,6 +23,7 @@ LIMB_READING = np.dtype(
         ("previous_raw", np.int64),  # the counter's newest value
         ("counts", np.int64),  # since the start, unwrapped
         ("was_closed", np.int64),  # the switch at the sample before
+        ("closings", np.int64),  # of the switch, in this pre-tightening
         ("zero", np.float64),  # stretch that counts as elongation 0 [m]; NaN: unknown
         ("stretch", np.float64),  # wound length and way between the points, newest [m]
         ("closed_stretch", np.float64),  # the same when the switch was closed last [m]; NaN: never
@@ -48,7 +53,7 @@ def _reading_dtype(cables: int) -> Any:
         ("counts_per_metre", np.float64),
         ("switch_elongation", np.float64),  # where a switch closes [m]
         ("stiffness", np.float64),  # k_e [N/m]
-        ("sets_zeros", np.int64),  # whether a switch that closes sets its limb's zero
+        ("sets_zeros", np.int64),  # whether switches that close set their limbs' zeros
         ("limbs", LIMB_READING, (cables,)),
     ]
     return np.dtype(fields, align=True)
@@ -81,7 +86,7 @@ def limbs_into(
         closed: (n,) switches.
         length: (n,) of cable between its points [m].
         work: (1,) record of limb_reading_work; updated. Counts grow by the counters' change; where
-            it sets zeros, a switch that closes sets its limb's.
+            it sets zeros, a switch that closes for the CLOSINGS-th time sets its limb's.
         zeroed: (n,) whether the zero is known; updated.
         wound: (n,) wound length, filled [m].
         elongation: (n,) filled [m].
@@ -98,8 +103,10 @@ def limbs_into(
         # Winding in and motion of the platform away stretch a cable.
         stretch = wound[i] + length[i]
         if sets_zeros and closed[i] and not limb["was_closed"] and not zeroed[i]:
-            limb["zero"] = stretch - own["switch_elongation"]
-            zeroed[i] = True
+            limb["closings"] += 1
+            if limb["closings"] >= CLOSINGS:
+                limb["zero"] = stretch - own["switch_elongation"]
+                zeroed[i] = True
         limb["was_closed"] = closed[i]
         limb["stretch"] = stretch
         if closed[i]:

@@ -350,7 +350,8 @@ class SafetyEnvelope:
         return BridgeFault(
             FaultName.SWITCH,
             f"{limb_name(i)}: the pull has grown to {size:.0f} N in {mode.name}, by more than "
-            f"{self._config.pretension_force:g} N, and its switch is open: stuck?",
+            f"{self._config.pretension_force:g} N, and its switch is open: stuck, or exchanged "
+            "with another limb's?",
             i,
         )
 
