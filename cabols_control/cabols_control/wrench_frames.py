@@ -169,6 +169,30 @@ class WrenchFrames:
             raise ConfigError(f"frame: expected one of {', '.join(self.names)}, got {name}")
         return found.copy()
 
+    def along(
+        self, name: str, positions: FloatArray, rotations: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Place a frame at k poses of the platform.
+
+        Args:
+            name: of the frame.
+            positions: (k, 3) of the platform's origin, base frame [m].
+            rotations: (k, 3, 3) from platform to base axes.
+
+        Returns:
+            (k, 3) its origin from the platform's, base axes [m], and (k, 3, 3) from the axes of its
+            wrenches to base axes.
+
+        Raises:
+            ConfigError: if there is no such frame.
+        """
+        frame = self.record(name)
+        levers, turns = np.empty_like(positions), np.empty_like(rotations)
+        for k in range(positions.shape[0]):
+            place_frame(frame, np.ascontiguousarray(positions[k]), rotations[k].copy())
+            levers[k], turns[k] = frame[0]["lever"], frame[0]["turn"]
+        return levers, turns
+
     def to_base(
         self, name: str, wrenches: FloatArray, position: FloatArray, rotation: FloatArray
     ) -> FloatArray:

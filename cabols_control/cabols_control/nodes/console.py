@@ -50,7 +50,7 @@ class ConsoleNode(ControlNode):
         self.latest = LatestValues()
         self._calls = Calls(self, self.latest)
         self.dispatcher = Dispatcher(self._calls, self.latest, self._settings())
-        self._feed = Feed(self, self.rig, self.latest)
+        self._feed = Feed(self, self.rig, self.latest, self.rig_folder)
         where = open_socket(host, port)
         self.address = (host, int(where.getsockname()[1]))
         self._server = ConsoleServer(self.dispatcher, policy, where, tls)

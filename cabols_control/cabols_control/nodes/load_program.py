@@ -75,9 +75,11 @@ class LoadProgramNode(ControlNode):
             frame: topics.wrench_layout(frame).record() for frame in self._frames.names
         }
         self._frame, self._placed = geometry.base_frame, None
+        self._moved = np.zeros(6)
         self._output = self.advertise("desired_wrench")
-        layout = topics.program_wrench_layout(self.rig.geometry.base_frame)
-        self._asked = layout.record()
+        self._asked = {
+            frame: topics.program_wrench_layout(frame).record() for frame in self._frames.names
+        }
         self._told = self.advertise_live("program_wrench")
         self._mode = ModeInput(self, self.status.sessions, self.lockstep)
         # The slow copy: nothing here needs the pose at the control rate.
@@ -248,25 +250,29 @@ class LoadProgramNode(ControlNode):
 
     def _publish(self, stamp_ns: int) -> None:
         program, time_s = self._running, self._now_s - self._began_s
-        wanted, asked = self._records[self._frame], self._asked
+        wanted, asked = self._records[self._frame], self._asked[self._frame]
         wanted.stamp(stamp_ns)
         asked.stamp(stamp_ns)
         if program is None:
             wanted["wrench"][:] = asked["command"][:] = asked["smoothed"][:] = 0.0
             asked["lead"][0] = 0.0
         else:
-            if self._placed is None:
-                wanted["wrench"][:] = program.reference.at(time_s)
-            else:
-                # In its own frame again: the wrench controller takes it along with the platform.
-                reference = np.array(program.reference.at(time_s))
-                wrench_from_base(self._placed, reference, wanted["wrench"])
-            asked["command"][:] = program.command.at(time_s - program.lead)
-            asked["smoothed"][:] = program.smoothed.at(time_s)
+            self._fill(wanted["wrench"], program.reference.at(time_s))
+            self._fill(asked["command"], program.command.at(time_s - program.lead))
+            self._fill(asked["smoothed"], program.smoothed.at(time_s))
             asked["lead"][0] = program.lead
         self._output.publish(wanted.raw())
         self._told.publish(asked.raw())
         self._told.copy()
+
+    def _fill(self, field: FloatArray, wrench: FloatArray) -> None:
+        """Fill a field (6,) of a message in the programme's frame of a wrench (6,) in base axes."""
+        if self._placed is None:
+            field[:] = wrench
+        else:
+            # In its own frame again: the wrench controller takes it along with the platform.
+            wrench_from_base(self._placed, np.array(wrench), self._moved)
+            field[:] = self._moved
 
     def _check_here(self, name: str, scale: float, frame: str) -> ProgramCheck:
         """Check a programme at the platform's present pose.

@@ -30,7 +30,7 @@ class MarkersNode(TickingNode):
             self.rig_folder,
             declare(self, "scene_file", "", "YAML of what is drawn"),
         )
-        self._feed = Feed(self, self.rig, LatestValues())
+        self._feed = Feed(self, self.rig, LatestValues(), self.rig_folder)
         self._publisher = self.create_publisher(MarkerArray, "markers", topic_qos("markers"))
 
     def tick(self) -> None:

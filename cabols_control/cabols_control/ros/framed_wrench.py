@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node
 
 from cabols_control.checks import FloatArray
 from cabols_control.ros import topics
@@ -20,30 +22,40 @@ TOLD_EVERY = 10
 """Samples between two frame_wrench."""
 
 
-class FramedWrenchInput(Input):
-    """Input of desired_wrench in any of the rig's frames, each with a layout of its own.
+class FramedInput(Input):
+    """Input of wrenches in any of the rig's frames, each with a layout of its own.
 
     Attributes:
         frame: (1,) record of WRENCH_FRAME of the newest message; None for the rig's base frame.
         frame_name: its name.
     """
 
-    def __init__(self, node: ControlNode, frames: WrenchFrames) -> None:
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        layout_of: Callable[[str], Layout],
+        frames: WrenchFrames,
+        lockstep: bool = False,
+    ) -> None:
         """Subscribe.
 
         Args:
             node: owner.
+            topic: its name in cabols_control.topics.
+            layout_of: gives the layout of its messages in a frame.
             frames: of the rig.
+            lockstep: whether the graph's clock waits for answers.
         """
         self._layouts: dict[bytes, tuple[str, Layout, Any]] = {}
         for name in frames.names:
             record = None if name == frames.names[0] else frames.record(name)
-            self._layouts[name.encode()] = (name, topics.wrench_layout(name), record)
+            self._layouts[name.encode()] = (name, layout_of(name), record)
         # An empty frame_id is the base's.
         self._base = self._layouts[frames.names[0].encode()]
         self._names = frames.names
         self.frame_name, layout, self.frame = self._base
-        super().__init__(node, "desired_wrench", layout, node.lockstep)
+        super().__init__(node, topic, layout, lockstep)
 
     def _accept(self, raw: bytes, info: dict[str, Any]) -> bool:
         name = _frame_of(raw)
@@ -57,7 +69,7 @@ class FramedWrenchInput(Input):
             expected = ", ".join(self._names)
             self.raw = raw
             got = name.decode(errors="replace")
-            self.error = f"desired_wrench: expected a frame out of {expected}, got {got}"
+            self.error = f"{self.topic}: expected a frame out of {expected}, got {got}"
             return False
         before = self.frame_name, self._layout, self.frame
         self.frame_name, self._layout, self.frame = self._layouts.get(name, self._base)
@@ -65,6 +77,19 @@ class FramedWrenchInput(Input):
             return True
         self.frame_name, self._layout, self.frame = before
         return False
+
+
+class FramedWrenchInput(FramedInput):
+    """Input of desired_wrench."""
+
+    def __init__(self, node: ControlNode, frames: WrenchFrames) -> None:
+        """Subscribe.
+
+        Args:
+            node: owner.
+            frames: of the rig.
+        """
+        super().__init__(node, "desired_wrench", topics.wrench_layout, frames, node.lockstep)
 
 
 def _frame_of(raw: bytes) -> bytes | None:

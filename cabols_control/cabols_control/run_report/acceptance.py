@@ -125,7 +125,11 @@ def _error_checks(s: Mapping[str, Any]) -> list[Check]:
     found = []
     for kind, unit, digits in (("force", "N", 2), ("torque", "N m", 3)):
         key = f"{kind}_{unit.replace(' ', '').lower()}"
-        for what, name in (("error against the command", "command"), ("in idle axes", "idle")):
+        for what, name in (
+            ("error against the command", "command"),
+            ("in axes commanded", "asked"),
+            ("in idle axes", "idle"),
+        ):
             values = [s.get(f"{name}_error_{part}_{key}") for part in ("rms", "p95", "max")]
             shown = " / ".join("-" if v is None else f"{v:.{digits}f}" for v in values)
             expected = "rms / 95 % / largest"

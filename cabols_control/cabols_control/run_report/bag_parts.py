@@ -29,6 +29,12 @@ from cabols_control.run_report.motion import POSITION
 from cabols_control.run_report.programme import AXES
 from cabols_control.run_report.run import QUATERNION
 from cabols_control.run_report.session_figure import MODE_COLOURS, MODE_NAMES
+from cabols_control.run_report.user_frame import (
+    frame_of,
+    poses_at,
+    recorded_frames,
+    user_frame,
+)
 from cabols_control.supervision.modes import OperatingMode
 
 TIME = "time from the start of the recording [s]"
@@ -169,31 +175,48 @@ def draw_currents(bag: Bag, rig: Rig) -> Figure:
 
 
 def draw_wrench(bag: Bag, rig: Rig) -> Figure:
-    """Draw the measured wrench, and what was desired if the bag has it, each in its own axes."""
+    """Draw the measured wrench, and what was asked for, in the frame in which it was asked for."""
     del rig
     figure = new_figure(11.0, 8.0)
     panels = figure.subplots(3, 2, sharex=True).T.ravel()
-    asked = ("program_wrench", "command.", "command, base axes")
-    if "program_wrench" not in bag:
-        asked = ("desired_wrench", "wrench.", "desired, base axes")
-    for (topic, prefix, label), colour in (
-        (("wrench", "wrench.", "measured, platform's axes"), MEASURED),
-        (asked, DESIRED),
-    ):
-        if topic not in bag:
-            continue
-        series = bag[topic]
-        time = times(bag, series)
-        for axes, axis in zip(panels, AXES, strict=True):
-            field = prefix + axis
-            x, y = decimate(time, np.asarray(series[field], float), POINTS)
-            axes.plot(x, y, color=colour, lw=1.2, label=label)
+    asked, prefix, label = "program_wrench", "command.", "command"
+    if asked not in bag:
+        asked, prefix, label = "desired_wrench", "wrench.", "desired"
+    felt, where = _felt(bag, asked)
+    lines = [("wrench", felt, f"measured, {where}", MEASURED)]
+    if asked in bag:
+        series = bag[asked]
+        values = np.column_stack([np.asarray(series[prefix + axis], float) for axis in AXES])
+        name = frame_of(bag, asked)
+        lines.append((asked, values, f"{label}, in {name}" if name else label, DESIRED))
+    for topic, values, text, colour in lines:
+        time = times(bag, bag[topic])
+        for axes, column in zip(panels, values.T, strict=True):
+            x, y = decimate(time, column, POINTS)
+            axes.plot(x, y, color=colour, lw=1.2, label=text)
     for axes, label in zip(panels, COMPONENTS, strict=True):
         tidy(axes, label)
     for axes in panels[2::3]:
         axes.set_xlabel(TIME)
     panels[0].legend(fontsize=8)
     return figure
+
+
+def _felt(bag: Bag, asked: str) -> tuple[FloatArray, str]:
+    """Return the measured wrench in the frame of what was asked for, and what that frame is."""
+    series = bag["wrench"]
+    felt = np.column_stack([np.asarray(series[f"wrench.{axis}"], float) for axis in AXES])
+    poses = poses_at(bag, series.stamp_ns)
+    if poses is None:
+        return felt, "platform's axes"
+    turned = np.hstack(
+        [np.einsum("kij,kj->ki", poses.rotation, part) for part in np.hsplit(felt, 2)]
+    )
+    name = frame_of(bag, asked)
+    frame = user_frame(recorded_frames(bag.metadata), name, poses)
+    if frame is None:
+        return turned, "base axes"
+    return frame.from_base(turned), f"in {name}" if name else "base axes"
 
 
 def draw_pose(bag: Bag, rig: Rig) -> Figure:

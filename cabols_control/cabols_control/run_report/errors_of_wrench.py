@@ -16,7 +16,8 @@ def error_numbers(run: BenchRun) -> dict[str, float]:
     """Reduce the errors of a run to numbers; NaN where no programme ran.
 
     Each is the length of the vector of force, or of torque: rms over the samples, 95th percentile
-    and largest. `idle` are the axes that command and smoothed curve leave at zero at a sample.
+    and largest. `idle` are the axes that command and smoothed curve leave at zero at a sample,
+    `asked` the others.
 
     Args:
         run: from load_run.
@@ -24,13 +25,19 @@ def error_numbers(run: BenchRun) -> dict[str, float]:
     program = run.program
     ran = run.loading & np.isfinite(run.measured).all(axis=1)
     ran &= np.isfinite(program.command).all(axis=1) & np.isfinite(program.smoothed).all(axis=1)
-    command, smoothed = program.command[ran], program.smoothed[ran]
-    error, deviation = run.measured[ran] - command, run.measured[ran] - smoothed
+    # In the frame in which it was asked for: the axes that the user commanded, and left at zero.
+    measured, command, smoothed = (
+        program.in_its_frame(wrench)[ran]
+        for wrench in (run.measured, program.command, program.smoothed)
+    )
+    error, deviation = measured - command, measured - smoothed
     idle = (np.abs(command) < IDLE) & (np.abs(smoothed) < IDLE)
-    found = {"preview_lead_s": program.lead}
+    found: dict[str, float] = {"preview_lead_s": program.lead}
     for kind, axes in KINDS:
         found |= _numbers("command", kind, _lengths(error[:, axes]))
-        found |= _numbers("idle", kind, _idle_lengths(error[:, axes], idle[:, axes]))
+        asked = ~idle[:, axes]
+        found |= _numbers("asked", kind, _lengths_where(error[:, axes], asked))
+        found |= _numbers("idle", kind, _lengths_where(error[:, axes], idle[:, axes]))
         found |= _numbers("smoothed", kind, _lengths(deviation[:, axes]))
         for axis, letter in enumerate("xyz"):
             found[f"command_error_rms_{letter}_{kind}"] = _rms(error[:, axes][:, axis])
@@ -41,9 +48,9 @@ def _lengths(error: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(error, axis=1))
 
 
-def _idle_lengths(error: FloatArray, idle: BoolArray) -> FloatArray:
-    """Lengths in the idle axes alone, of the samples that have one."""
-    return _lengths(np.where(idle, error, 0.0)[idle.any(axis=1)])
+def _lengths_where(error: FloatArray, chosen: BoolArray) -> FloatArray:
+    """Lengths in the chosen axes alone, of the samples that have one."""
+    return _lengths(np.where(chosen, error, 0.0)[chosen.any(axis=1)])
 
 
 def _rms(error: FloatArray) -> float:

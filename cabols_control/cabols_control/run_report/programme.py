@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from cabols_control.bags.reader import Bag, Series
 from cabols_control.checks import FloatArray, IntArray
+from cabols_control.run_report.user_frame import UserFrame
 
 TOPIC = "program_wrench"
 AXES = tuple(f"{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz")
@@ -25,21 +26,31 @@ class RecordedProgram:
         ahead: (k, 6) command one lead later: what the smoothed curve has begun to follow [N, N m].
         lead: how long before the command's start the run of a previewed programme began [s]; 0 for
             one that is followed by feedback alone.
+        frame: in which it was given; None: it is not known where that was, so that all of it is
+            taken for base axes.
     """
 
     command: FloatArray
     smoothed: FloatArray
     ahead: FloatArray
     lead: float
+    frame: UserFrame | None = field(default_factory=UserFrame)
+
+    def in_its_frame(self, wrench: FloatArray) -> FloatArray:
+        """Return (k, 6) wrenches in the programme's frame, of (k, 6) in base axes [N, N m]."""
+        return wrench if self.frame is None else self.frame.from_base(wrench)
 
 
-def join_program(bag: Bag, samples_ns: IntArray, desired: FloatArray) -> RecordedProgram:
+def join_program(
+    bag: Bag, samples_ns: IntArray, desired: FloatArray, frame: UserFrame | None = None
+) -> RecordedProgram:
     """Bring a programme to the samples' times.
 
     Args:
         bag: of the run.
         samples_ns: (k,) stamps, increasing [ns].
         desired: (k, 6) reference in force [N, N m]: what was asked for, in a bag without the topic.
+        frame: in which the programme was given; None: base axes are assumed.
     """
     if TOPIC not in bag or len(bag[TOPIC]) < 2:
         return RecordedProgram(desired, desired, desired, 0.0)
@@ -49,11 +60,13 @@ def join_program(bag: Bag, samples_ns: IntArray, desired: FloatArray) -> Recorde
     lead = float(np.max(np.asarray(series["lead"], dtype=np.float64)))
     command, smoothed = (_wrenches(series, name)[order] for name in ("command", "smoothed"))
     later = samples_ns + round(1e9 * lead)
+    place = UserFrame() if frame is None else frame
     return RecordedProgram(
-        command=_held(stamps, command, samples_ns),
-        smoothed=_between(stamps, smoothed, samples_ns),
-        ahead=_held(stamps, command, later),
+        command=place.to_base(_held(stamps, command, samples_ns)),
+        smoothed=place.to_base(_between(stamps, smoothed, samples_ns)),
+        ahead=place.to_base(_held(stamps, command, later)),
         lead=lead,
+        frame=frame,
     )
 
 

@@ -13,7 +13,14 @@ from cabols_control.bags.reader import Bag, Series, read_bag
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.errors import CabolsError
 from cabols_control.run_report.motion import RecordedMotion, join_motion
-from cabols_control.run_report.programme import RecordedProgram, join_program
+from cabols_control.run_report.programme import TOPIC, RecordedProgram, join_program
+from cabols_control.run_report.user_frame import (
+    UserFrame,
+    frame_of,
+    poses_at,
+    recorded_frames,
+    user_frame,
+)
 from cabols_control.supervision.modes import OperatingMode
 
 NEEDED = ("limb_state", "wrench", "tension_command", "motor_current", "mode")
@@ -182,7 +189,7 @@ def join_run(bag: Bag) -> BenchRun:
         health=_health(bag, begin, end),
         lost=_lost(bag, stamps),
         motion=join_motion(bag, begin),
-        program=join_program(bag, stamps, desired),
+        program=join_program(bag, stamps, desired, _program_frame(bag, stamps)),
         loading_log_ns=(int(logged.min()), int(logged.max())) if logged.size else (0, 0),
     )
 
@@ -217,6 +224,14 @@ def _by_limb(series: Series, field: str, rows: IntArray, samples: int, n: int) -
     for k in used:
         spread[rows[k], np.asarray(limbs[k]).astype(np.int64)] = values[k]
     return spread
+
+
+def _program_frame(bag: Bag, samples_ns: IntArray) -> UserFrame | None:
+    """Frame of the programme along the run, by the poses and the rig's files in the bag."""
+    name = frame_of(bag, TOPIC)
+    if not name:
+        return UserFrame()
+    return user_frame(recorded_frames(bag.metadata), name, poses_at(bag, samples_ns))
 
 
 def _measured(bag: Bag, samples_ns: IntArray) -> FloatArray:

@@ -52,10 +52,12 @@ def wrench_html() -> str:
         for axis, colour in (("x", "#60a5fa"), ("y", "#4ade80"), ("z", "#fbbf24"))
     )
     return (
-        "<h2>Force on the platform [N], base axes</h2>"
+        '<p id="wrench-error" class="why" role="status"></p>'
+        '<h2>Force on the platform [N], <span id="force-frame">base axes</span></h2>'
         '<canvas id="chart-force" class="chart" role="img" '
         'aria-label="Force over the last 30 seconds, measured and desired"></canvas>'
-        '<h2 style="margin-top:10px">Torque at the platform\'s origin [N m]</h2>'
+        '<h2 style="margin-top:10px">Torque [N m] <span id="torque-frame">about the '
+        "platform's origin</span></h2>"
         '<canvas id="chart-torque" class="chart" role="img" '
         'aria-label="Torque over the last 30 seconds, measured and desired"></canvas>'
         f'<div class="legend">{legend}<span class="dashed" style="--c:#9fb0bf">desired</span></div>'

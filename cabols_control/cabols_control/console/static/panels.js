@@ -78,6 +78,10 @@ export class Panels {
       mark(limb.tensionBar.parentElement, "high", tension > NEAR * most ? "yes" : "no");
       mark(limb.currentBar.parentElement, "high", Math.abs(current ?? 0) > NEAR * amperes ? "yes" : "no");
     });
+    if (words) {
+      put(byId("force-frame"), frame.f ? `axes of ${frame.f}` : "base axes");
+      put(byId("torque-frame"), frame.f ? `about the origin of ${frame.f}` : "about the platform's origin");
+    }
     if (words) put(byId("feasible"), frame.F === false ? "wrench beyond the cables: nearest feasible one is applied" : "");
   }
 
@@ -89,6 +93,7 @@ export class Panels {
       put(chip, `${sign} ${state.mode.text}`);
       put(byId("mode-reason"), state.mode.reason);
     }
+    put(byId("wrench-error"), state.error ?? "");
     if (state.loops) this.loops(state.loops);
     if (state.devices) this.devices(state.devices);
     if (state.operator) this.operator(state.operator, settings);

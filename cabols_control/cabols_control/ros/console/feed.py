@@ -13,6 +13,7 @@ from cabols_msgs.msg import (
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
+from cabols_control.console.error_meter import ErrorMeter
 from cabols_control.console.latest import FAULT, INFO, NOTICE, WARNING, LatestValues
 from cabols_control.console.view_models import (
     LoopReport,
@@ -25,9 +26,12 @@ from cabols_control.console.view_models import (
     mode_view,
     numbers,
 )
+from cabols_control.frames import load_wrench_frames
 from cabols_control.naming import reflector_name
 from cabols_control.rig import Rig
+from cabols_control.rig_folder import RigFolder
 from cabols_control.ros import topics
+from cabols_control.ros.framed_wrench import FramedInput
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input
 from cabols_control.ros.reader import Reader
@@ -49,7 +53,9 @@ LOUD = 30
 class Feed:
     """Turns received messages into the newest frame, the state and the events."""
 
-    def __init__(self, node: Node, rig: Rig, latest: LatestValues) -> None:
+    def __init__(
+        self, node: Node, rig: Rig, latest: LatestValues, rig_folder: str | RigFolder = ""
+    ) -> None:
         """Subscribe; only one thread may call `look`."""
         self._latest = latest
         self._own = node.get_name()
@@ -62,7 +68,11 @@ class Feed:
 
         self._state = live("limb_state", topics.limb_state_layout(geometry))
         self._wrench = live("wrench", topics.wrench_layout(geometry.platform_frame))
-        self._program = live("program_wrench", topics.program_wrench_layout(geometry.base_frame))
+        self._frames = load_wrench_frames(geometry, rig_folder)
+        self._program = FramedInput(
+            node, live_name("program_wrench"), topics.program_wrench_layout, self._frames
+        )
+        self._errors = ErrorMeter()
         self._command = live("tension_command", topics.tension_command_layout(geometry))
         self._pose = live("platform_pose", topics.pose_layout(geometry))
         self._joints = Reader(node, live_name("joint_states"))
@@ -119,14 +129,17 @@ class Feed:
             frame["C"] = numbers(record["current"], 3)
             frame["S"] = _bits(record["switch_closed"])
             frame["Z"] = _bits(record["zeroed"])
+        runs = fresh(self._program)
         if fresh(self._wrench):
-            frame["w"] = numbers(self._in_base_axes(self._wrench.record["wrench"]), 3)
+            frame["w"] = numbers(self._in_frame(self._wrench.record["wrench"], runs), 3)
+        if runs and self._program.frame is not None:
+            frame["f"] = self._program.frame_name
         if fresh(self._command):
             record = self._command.record
             frame["A"] = numbers(record["tension"], 2)
             frame["F"] = bool(record["feasible"])
             # A preview's reference runs ahead of what was asked for.
-            asked = self._program.record["command"] if fresh(self._program) else record["desired"]
+            asked = self._program.record["command"] if runs else record["desired"]
             frame["d"] = numbers(asked, 3)
         if fresh(self._pose):
             frame["P"] = numbers(self._pose.record["pose"], 5)
@@ -135,15 +148,24 @@ class Feed:
             frame["J"] = numbers(values, 5)
         return frame
 
-    def _in_base_axes(self, wrench: np.ndarray) -> np.ndarray:
-        """Turn a wrench from the sensor's platform axes to base axes, in which loads are given."""
-        record = self._pose.record
-        if record is None:
-            return wrench
-        pose = read_pose(record["pose"])
-        if pose is None:
+    def _in_frame(self, wrench: np.ndarray, runs: bool) -> np.ndarray:
+        """Turn a wrench from the sensor's platform axes to those in which the load is given.
+
+        Args:
+            wrench: (6,) about the platform's origin, platform axes [N, N m].
+            runs: whether a programme runs: then in its frame; base axes otherwise.
+        """
+        pose = None if self._pose.record is None else read_pose(self._pose.record["pose"])
+        if self._pose.record is not None and pose is None:
             return np.full(6, np.nan)
-        return (wrench.reshape(2, 3) @ pose[1].T).ravel()
+        turned = wrench if pose is None else (wrench.reshape(2, 3) @ pose[1].T).ravel()
+        if not runs:
+            return turned
+        if pose is not None and self._program.frame is not None:
+            turned = self._frames.from_base(self._program.frame_name, turned, *pose)
+        self._errors.measure(1e-9 * self._wrench.stamp_ns, turned)
+        self._errors.command(1e-9 * self._program.stamp_ns, self._program.record["command"])
+        return turned
 
     def _hear_modes(self) -> None:
         for message in self._modes.take():
@@ -247,6 +269,7 @@ class Feed:
         self._latest.put_state(
             loops=loop_rows(self._reports, now_s),
             devices=device_rows(self._reports, self._beam, now_s),
+            error=self._errors.text(),
         )
 
 

@@ -1,0 +1,100 @@
+"""Error of the wrench against the command while a programme runs, for the page; pure."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from cabols_control.checks import BoolArray, FloatArray
+
+KEPT = 20_000
+"""Errors that are kept: a quarter of an hour of frames."""
+HELD_S = 0.2
+"""Time without a command after which the next one is of another programme [s]."""
+IDLE = 1e-9
+
+
+class ErrorMeter:
+    """Compares commands with the wrenches that were measured at their moments."""
+
+    def __init__(self) -> None:
+        """Begin without a programme."""
+        self._measured: deque[tuple[float, FloatArray]] = deque(maxlen=8)
+        self._waiting: deque[tuple[float, FloatArray]] = deque(maxlen=8)
+        self._errors: deque[FloatArray] = deque(maxlen=KEPT)
+        self._idle: deque[BoolArray] = deque(maxlen=KEPT)
+        self._last_s = -np.inf
+
+    def measure(self, stamp_s: float, wrench: FloatArray) -> None:
+        """Take a measured wrench (6,) in the programme's frame; stamp_s of the sample [s]."""
+        if not self._measured or stamp_s > self._measured[-1][0]:
+            self._measured.append((stamp_s, np.array(wrench)))
+            self._compare()
+
+    def command(self, stamp_s: float, wrench: FloatArray) -> None:
+        """Take a command (6,) in its frame; stamp_s of its message [s]."""
+        if not stamp_s > self._last_s:
+            return
+        if stamp_s - self._last_s > HELD_S:
+            self._errors.clear()
+            self._idle.clear()
+        self._last_s = stamp_s
+        self._waiting.append((stamp_s, np.array(wrench)))
+        self._compare()
+
+    def _compare(self) -> None:
+        """Compare each command that lies between two measured wrenches."""
+        while len(self._measured) > 1 and self._waiting:
+            at, asked = self._waiting[0]
+            if at > self._measured[-1][0]:
+                return
+            self._waiting.popleft()
+            times = np.array([time for time, _ in self._measured])
+            if at < times[0]:
+                continue
+            rows = np.array([wrench for _, wrench in self._measured])
+            felt = np.array([np.interp(at, times, column) for column in rows.T])
+            self._errors.append(felt - asked)
+            self._idle.append(np.abs(asked) < IDLE)
+
+    def numbers(self) -> list[float]:
+        """Rms, 95th percentile and largest force [N], then torque [N m]; then rms of idle axes.
+
+        Empty before the first comparison; NaN where no axis was idle.
+        """
+        if not self._errors:
+            return []
+        errors, idle = np.array(self._errors), np.array(self._idle)
+        found: list[float] = []
+        left: list[float] = []
+        for axes in (slice(0, 3), slice(3, 6)):
+            size = np.linalg.norm(errors[:, axes], axis=1)
+            found += [float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 95.0))]
+            found.append(float(size.max()))
+            rows = idle[:, axes].any(axis=1)
+            spared = np.where(idle[:, axes], errors[:, axes], 0.0)[rows]
+            square = np.mean(np.sum(spared**2, axis=1)) if rows.any() else np.nan
+            left.append(float(np.sqrt(square)))
+        return found + left
+
+    def text(self) -> str:
+        """Say it in a line; empty before the first comparison."""
+        found = self.numbers()
+        if not found:
+            return ""
+        force, torque, left = found[:3], found[3:6], found[6:]
+        words = [
+            f"{name} {' / '.join(f'{value:.{digits}f}' for value in values)} {unit}"
+            for name, values, unit, digits in (
+                ("force", force, "N", 2),
+                ("torque", torque, "N m", 3),
+            )
+        ]
+        idle = [
+            f"{value:.{digits}f} {unit}"
+            for value, unit, digits in zip(left, ("N", "N m"), (2, 3), strict=True)
+            if value == value
+        ]
+        words += [f"in axes commanded to zero {', '.join(idle)} rms"] if idle else []
+        return f"error against the command, rms / 95 % / largest: {'; '.join(words)}"
