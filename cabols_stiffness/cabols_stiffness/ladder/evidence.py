@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -22,12 +23,12 @@ FOLDS_MAX = 10
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Whitened rows of the samples in use; offsets and drifts of groups are taken out.
+    """Whitened rows of the samples in use, cell by cell; offsets and drifts of groups are out.
 
     Attributes:
         residual: (r,).
         columns: (r, p).
-        cell: (r,) of each row, from 0.
+        cell: (r,) of each row, from 0, rising.
         fold: (c,) of each cell.
         numbers: (c,) numbers measured in each cell, less its share of the offsets.
         distances: (k,) squared, of each sample from the model.
@@ -43,6 +44,12 @@ class Rows:
     def with_columns(self, columns: FloatArray) -> Rows:
         """Return the same rows with other columns (r, p)."""
         return replace(self, columns=columns)
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Rows of each cell."""
+        ends = np.searchsorted(self.cell, np.arange(self.fold.size + 1))
+        return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     @property
     def freedom(self) -> float:
@@ -71,6 +78,8 @@ def rows_of(
     white = whiten(line, columns, samples, use.astype(np.float64))
     m, used = residual.shape[1], np.flatnonzero(use)
     cell, fold = cells(observations, used)
+    order = np.argsort(cell, kind="stable")
+    used, cell = used[order], cell[order]
     share = white.shared / max(used.size, 1)
     numbers = np.bincount(cell, observations.numbers[used] - share, fold.size)
     return Rows(
@@ -125,16 +134,16 @@ def held_out(rows: Rows, columns: FloatArray, precision: FloatArray) -> HeldOut:
         columns: (r, p) of the model.
         precision: (p,) of the prior of each parameter about zero; 0: none.
     """
-    fold = rows.fold[rows.cell]
-    gram, target = columns.T @ columns + np.diag(precision), columns.T @ rows.residual
+    grams = np.array([columns[at].T @ columns[at] for at in rows.parts])
+    targets = np.array([columns[at].T @ rows.residual[at] for at in rows.parts])
+    gram, target = grams.sum(axis=0) + np.diag(precision), targets.sum(axis=0)
     squares = np.empty(rows.fold.size)
     for f in range(int(rows.fold.max(initial=0)) + 1):
-        out = fold == f
-        mine, left = columns[out], rows.residual[out]
-        value = solve(gram - mine.T @ mine, target - mine.T @ left)
-        error = left - mine @ value
-        here = np.bincount(rows.cell[out], error**2, rows.fold.size)
-        squares = np.where(rows.fold == f, here, squares)
+        out = rows.fold == f
+        value = solve(gram - grams[out].sum(axis=0), target - targets[out].sum(axis=0))
+        for c in np.flatnonzero(out):
+            error = rows.residual[rows.parts[c]] - columns[rows.parts[c]] @ value
+            squares[c] = error @ error
     return HeldOut(squares, rows.numbers)
 
 

@@ -20,12 +20,15 @@ from cabols_stiffness.ladder.candidates import FLAT, Candidate
 from cabols_stiffness.ladder.choose import Choice
 from cabols_stiffness.ladder.evidence import Rows, rows_of, solve
 from cabols_stiffness.ladder.scatter import Scatter, scatter_of, weighted
-from cabols_stiffness.model.elastic.arm import Arm, settle
+from cabols_stiffness.model.elastic.arm import ACCURACY, Arm, settle
 from cabols_stiffness.model.elastic.blocks import Friction, Joints, Rung, Statics
 
 STEPS = 8
 CONVERGED = 0.03
 """Length of a step, in standard deviations, below which the fit has converged."""
+
+ON_THE_WAY = 1e-6
+"""Accuracy of the balance before the last step, relative to the largest deflection."""
 
 DRAWN = 3
 """Steps before each of which friction is drawn anew along the deflections."""
@@ -84,18 +87,21 @@ class ElasticFit:
     widened: float = 1.0
 
 
-def fit_choice(observations: Observations, found: Fitted, choice: Choice) -> ElasticFit:
+def fit_choice(
+    observations: Observations, found: Fitted, choice: Choice, start: ElasticFit | None = None
+) -> ElasticFit:
     """Fit what the ladder chose.
 
     Args:
         observations: of the robot.
         found: fit of the joints alone.
         choice: of the ladder.
+        start: of the same choice and samples, to begin with; it saves time only.
     """
-    fit = _fitted(observations, found, choice, found.use, None)
+    fit = _fitted(observations, found, choice, found.use if start is None else start.use, start)
     use = _inliers(observations, fit)
     if (use != fit.use).any():
-        fit = _fitted(observations, found, choice, use, fit.arm.values)
+        fit = _fitted(observations, found, choice, use, fit)
     fit = _calibrated(fit)
     for rival, kept in choice.rivals:
         fit = _doubted(observations, fit, choice, rival, kept)
@@ -120,36 +126,42 @@ def _fitted(
     found: Fitted,
     choice: Choice,
     use: BoolArray,
-    start: FloatArray | None,
+    start: ElasticFit | None,
 ) -> ElasticFit:
     samples, robot = observations.samples, observations.robot
     n, m = robot.n, observations.size
     blocks = tuple(one.block for one in choice.taken)
     size = sum(block.size for block in blocks)
-    values = np.zeros(size) if start is None else start
-    if start is None:
+    values = np.zeros(size) if start is None else start.arm.values
+    line, taken, deflection = found.line, choice.taken, found.deflection
+    if start is not None:
+        taken, deflection = start.taken, start.state.deflection
+    else:
         joints = blocks[0]
         assert isinstance(joints, Joints)
         values[:n] = found.parameters.compliance / joints.scale
-    line, taken = found.line, choice.taken
-    deflection, converged, steps = found.deflection, False, 0
-    drawn = np.zeros_like(deflection)
+    converged, steps = False, 0
+    drawn = np.zeros_like(deflection) if start is None else start.state.friction
+    # From the end of an earlier fit friction is drawn once more, and the priors stay.
+    rounds, first = (DRAWN, 1) if start is None else (1, 0)
     scatter = Scatter(np.zeros(n), max(choice.rms**2, 1e-12), np.zeros(n))
     while True:
         arm = Arm(blocks, values)
         friction = arm.friction
-        if friction is not None and steps < DRAWN:
+        if friction is not None and steps < rounds:
             drawn = draw(observations, deflection, friction.form, friction.travel, choice.kept)
+        accuracy = ACCURACY if converged or steps == STEPS else ON_THE_WAY
         state = settle(
-            robot, arm, samples.joints, samples.wrench, observations.follows, drawn, deflection
-        )
+            robot, arm, samples.joints, samples.wrench, observations.follows, drawn, deflection,
+            accuracy,
+        )  # fmt: skip
         deflection = state.deflection
         residual = residual_of(observations, arm, state)
         columns = motion_of(observations, state) @ arm.columns(state)
-        if steps == 1:
+        if steps == first:
             line = replace(line, covariance=covariance_of(observations, arm, state))
         rows = rows_of(observations, residual, columns, line, use)
-        if steps > 0:
+        if steps >= first:
             scatter = scatter_of(rows, rows.residual, rows.columns[:, :n], quick=not converged)
         precision = prior_precision(taken, scatter.variance)
         matrix = weighted(rows, rows.columns[:, :n], scatter, rows.columns)
@@ -158,9 +170,10 @@ def _fitted(
         step = solve(gram, matrix.T @ left - precision * values)
         if converged or steps == STEPS:
             break
-        converged = steps > 1 and float(step @ gram @ step) <= CONVERGED**2 * scatter.variance
+        size_of_step = float(step @ gram @ step)
+        converged = steps > first and size_of_step <= CONVERGED**2 * scatter.variance
         values = values + step
-        if 0 < steps <= DRAWN:
+        if 0 < steps <= DRAWN and start is None:
             spread = scatter.variance * np.diagonal(solve(gram, np.eye(size)))
             taken = _with_likely_priors(taken, values, spread)
         steps += 1

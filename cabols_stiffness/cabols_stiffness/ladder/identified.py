@@ -10,6 +10,7 @@ from scipy.stats import t as student
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
+from cabols_stiffness.identification.gauss_newton import fit as refit
 from cabols_stiffness.identification.identify import (
     CONFIDENCE,
     WORST_RELATIVE,
@@ -122,7 +123,7 @@ def identify_ladder(
     rungs = rungs_of(model)
     usable = usable_rows(samples)
     observations = Observations(usable.samples, robot)
-    found, _, joints = estimate(observations, LINEAR, hysteresis=False)
+    found, model_alone, joints = estimate(observations, LINEAR, hysteresis=False)
     ladder = Ladder(observations, found)
     choice = ladder.climb() if rungs is None else ladder.only(rungs)
     fit = fit_choice(observations, found, choice)
@@ -131,8 +132,8 @@ def identify_ladder(
         calibration = calibrate(observations, fit)
     if calibration is not None and calibration.taken:
         observations = Observations(calibration.samples, calibration.robot)
-        found, _, joints = estimate(observations, LINEAR, hysteresis=False)
-        fit = fit_choice(observations, found, choice)
+        found = refit(observations, model_alone, found.parameters, robust=False, use=found.use)
+        fit = fit_choice(observations, found, choice, fit)
     elastic = ElasticModel(observations.robot, fit.arm, fit.covariance, fit.scatter.deviation)
     verdict = judge_elastic(observations, found, fit, joints, choice.fault)
     verdict = replace(verdict, missing=usable.missing, repeated=usable.repeated)

@@ -52,15 +52,14 @@ def scatter_of(
         quick: whether a few rounds of maximum likelihood will do, to compare models.
     """
     n, count = joints.shape[1], rows.fold.size
-    matrix, target = np.empty((count, n, n)), np.empty((count, n))
-    left, rank = float(residual @ residual), 0
-    for c in range(count):
-        mine = joints[rows.cell == c]
-        matrix[c], target[c] = mine.T @ mine, mine.T @ residual[rows.cell == c]
-        values, vectors = np.linalg.eigh(matrix[c])
-        known = values > 1e-9 * max(float(values[-1]), 1e-300)
-        left -= float(np.sum((vectors.T[known] @ target[c]) ** 2 / values[known]))
-        rank += int(known.sum())
+    matrix = np.array([joints[at].T @ joints[at] for at in rows.parts]).reshape(count, n, n)
+    target = np.array([joints[at].T @ residual[at] for at in rows.parts]).reshape(count, n)
+    values, vectors = np.linalg.eigh(matrix)
+    known = values > 1e-9 * np.maximum(values[:, -1:], 1e-300)
+    along = np.einsum("cij,ci->cj", vectors, target)
+    own = np.where(known, along**2 / np.where(known, values, 1.0), 0.0)
+    left = float(residual @ residual) - float(own.sum())
+    rank = int(known.sum())
     within = max(round(rows.freedom) - rank, 1)
     none = Scatter(np.zeros(n), left / within, np.full(n, float(within)))
     parts = Blocks(np.arange(count), matrix, target, left / within, within)
@@ -108,8 +107,8 @@ def predictive(rows: Rows, columns: FloatArray, precision: FloatArray, n: int) -
     found = held_out(scaled, weighted(rows, joints, scatter, columns), precision)
     size = scatter.deviation / np.sqrt(scatter.variance)
     volume = np.empty(rows.fold.size)
-    for c in range(rows.fold.size):
-        mine = joints[rows.cell == c] * size
+    for c, at in enumerate(rows.parts):
+        mine = joints[at] * size
         volume[c] = np.linalg.slogdet(np.eye(n) + mine.T @ mine)[1]
     return replace(found, squares=found.squares + scatter.variance * volume)
 
@@ -127,10 +126,13 @@ def weighted(rows: Rows, joints: FloatArray, scatter: Scatter, values: FloatArra
         return values
     found = values.copy()
     size = scatter.deviation / np.sqrt(scatter.variance)
-    for c in range(rows.fold.size):
-        here = rows.cell == c
-        left, singular, _ = np.linalg.svd(joints[here] * size, full_matrices=False)
-        shrink = 1.0 - 1.0 / np.sqrt(1.0 + singular**2)
-        part = left.T @ values[here]
-        found[here] -= left @ (shrink[:, None] * part if part.ndim > 1 else shrink * part)
+    for at in rows.parts:
+        own = joints[at] * size
+        # Of X X^T with X = U s V^T the part along U shrinks by 1 - 1 / sqrt(1 + s^2).
+        square, vectors = np.linalg.eigh(own.T @ own)
+        square = np.maximum(square, 0.0)
+        root = np.sqrt(1.0 + square)
+        # (1 - 1 / root) / square without its difference, which vanishes with square.
+        inner = (vectors / (root * (1.0 + root))) @ vectors.T
+        found[at] -= own @ (inner @ (own.T @ values[at]))
     return found

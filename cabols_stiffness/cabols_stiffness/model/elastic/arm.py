@@ -69,6 +69,7 @@ def settle(
     follows: bool,
     drawn: FloatArray | None = None,
     start: FloatArray | None = None,
+    accuracy: float = ACCURACY,
 ) -> Statics:
     """Deflect joints and bodies until they balance the wrench; unchecked input.
 
@@ -81,6 +82,7 @@ def settle(
         drawn: (k, n) share of the friction in each sample; None: as in a load that was put on the
             relaxed arm in one way.
         start: (k, n) deflections to begin with [rad, m].
+        accuracy: of the deflections, relative to the largest.
 
     Raises:
         CabolsError: if the arm cannot balance the wrench.
@@ -110,7 +112,7 @@ def settle(
                 f"wrench: expected one that the robot can balance, got deflections of {largest:.3g}"
                 " rad; check the units"
             )
-        if np.abs(moved - before).max(initial=0.0) <= ACCURACY * max(largest, 1e-9):
+        if np.abs(moved - before).max(initial=0.0) <= accuracy * max(largest, 1e-9):
             break
     return state
 

@@ -55,9 +55,11 @@ class Variation:
 
     def features(self, joints: FloatArray) -> list[FloatArray]:
         """(k, r) features of each joint, at (k, n) positions [rad, m]."""
-        rows = kernels(self.over, self.length, self.slides, joints, self.centres)
+        # Many samples are of few configurations.
+        places, index = np.unique(joints, axis=0, return_inverse=True)
+        rows = kernels(self.over, self.length, self.slides, places, self.centres)
         return [
-            row @ projection - middle
+            (row @ projection - middle)[index.ravel()]
             for row, projection, middle in zip(rows, self.projection, self.middle, strict=True)
         ]
 
