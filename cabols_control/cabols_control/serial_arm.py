@@ -88,7 +88,9 @@ def read_serial_arm(
     try:
         root = Xml.parse(str(path)).getroot()
     except (OSError, ParseError, DefusedXmlException, ValueError, LookupError) as error:
+        _refuse_xacro(path, "unbound prefix" in str(error))
         raise ConfigError(f"{path}: expected a URDF, got {error}") from error
+    _refuse_xacro(path, any("xacro" in str(one.tag) for one in root.iter()) or _holds_terms(root))
     above = _above(root, path)
     name = flange or _flange(root, above, path)
     chain = _way_to(name, above, path)
@@ -103,8 +105,9 @@ def read_serial_arm(
         rotation = rotation @ Rotation.from_euler("xyz", angles).as_matrix()
         if joint.get("type") == "fixed":
             continue
-        slide = _slides(joint, path, sliding)
-        if joint.get("name", "") in held:
+        is_held = joint.get("name", "") in held
+        slide = _slides(joint, path, sliding, is_held)
+        if is_held:
             at = held.pop(joint.get("name", "")) * _axis(joint, path)
             if slide:
                 position = position + rotation @ at
@@ -135,6 +138,22 @@ def read_serial_arm(
         flange_position=position,
         flange_rotation=rotation,
     )
+
+
+def _refuse_xacro(path: str | Path, is_xacro: bool) -> None:
+    """Refuse a template: its macros and terms are not read here."""
+    if is_xacro:
+        name = Path(path).name
+        stem = name.removesuffix(".xacro").removesuffix(".urdf")
+        raise ConfigError(
+            f"{path}: expected a URDF, got a xacro file, whose macros are not expanded yet; expand "
+            f"it where ROS is installed: `xacro {name} > {stem}_expanded.urdf`"
+        )
+
+
+def _holds_terms(root: Element) -> bool:
+    values = [value for one in root.iter() for value in one.attrib.values()]
+    return any("${" in value or "$(" in value for value in values)
 
 
 def _above(root: Element, path: str | Path) -> dict[str, Element]:
@@ -185,16 +204,19 @@ def _way_to(name: str, above: dict[str, Element], path: str | Path) -> list[Elem
     return way[::-1]
 
 
-def _slides(joint: Element, path: str | Path, sliding: bool) -> bool:
-    """Whether a joint slides; others must turn."""
+def _slides(joint: Element, path: str | Path, sliding: bool, is_held: bool) -> bool:
+    """Whether a joint slides; others must turn, and move on their own unless they are held."""
     name, kind = joint.get("name", ""), joint.get("type")
     known = (*TURNING, SLIDING) if sliding else TURNING
     if kind not in known:
         raise NotSerialError(
             f"{path}: {name!r}: expected a type of {', '.join(known)} or fixed, got {kind}"
         )
-    if joint.find("mimic") is not None:
-        raise NotSerialError(f"{path}: {name!r}: expected one of its own, got a mimic")
+    if joint.find("mimic") is not None and not is_held:
+        raise NotSerialError(
+            f"{path}: {name!r}: expected one that moves on its own, got a mimic; hold it where it "
+            "is (locked), or choose a link before it"
+        )
     return kind == SLIDING
 
 

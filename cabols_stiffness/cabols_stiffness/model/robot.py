@@ -18,7 +18,8 @@ from cabols_control.checks import BoolArray, FloatArray, finite_array, rotation_
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import rig_file
 from cabols_control.rotations import cross_matrix
-from cabols_control.serial_arm import NotSerialError, read_serial_arm
+from cabols_control.serial_arm import NotSerialError, SerialArm, read_serial_arm
+from cabols_stiffness.model.denavit_hartenberg import ENDINGS, read_dh
 
 JOINTS = 6
 """Of the rig's own robot, and least number of joints unless a caller asks for fewer."""
@@ -263,7 +264,8 @@ def load_robot(
     Joints beside the chain (grippers, balancers) are ignored.
 
     Args:
-        path: URDF; None: the bench's IRB 1600-6/1.45.
+        path: URDF, or YAML or CSV of Denavit-Hartenberg parameters (denavit_hartenberg.py); None:
+            the bench's IRB 1600-6/1.45.
         tool_frame: link that carries the tool; empty: tool0 or flange, else the only link that
             carries no other, never one with a camera's or a gripper's name.
         tool_position: (3,) of the tool's origin in that link's axes [m].
@@ -276,6 +278,10 @@ def load_robot(
         ShapeError: if the tool's placement has another shape, is not finite or no rotation.
     """
     source = Path(rig_file("robot.urdf", path))
+    if source.suffix.lower() in ENDINGS:
+        return _of_parameters(source, tool_frame, locked, least).with_tool(
+            tool_position, tool_rotation
+        )
     try:
         arm = read_serial_arm(source, tool_frame, sliding=True, locked=locked)
     except NotSerialError as error:
@@ -295,7 +301,30 @@ def load_robot(
             f"{source}: expected a chain of {least} revolute joints or more, got {got}; make "
             "the others fixed"
         )
-    robot = RobotModel(
+    return _model(arm).with_tool(tool_position, tool_rotation)
+
+
+def _of_parameters(
+    source: Path, tool_frame: str, locked: Mapping[str, float] | None, least: int
+) -> RobotModel:
+    """Robot of a table of Denavit-Hartenberg parameters."""
+    if tool_frame:
+        raise ConfigError(
+            f"{source}: expected no name of a link, as a table of parameters has none, got "
+            f"{tool_frame!r}; the tool is stated from its last frame"
+        )
+    arm = read_dh(source, locked)
+    if len(arm.joints) < least:
+        raise ConfigError(
+            f"{source}: expected {least} joints or more, got {len(arm.joints)}: "
+            f"{', '.join(arm.joints)}"
+        )
+    return _model(arm)
+
+
+def _model(arm: SerialArm) -> RobotModel:
+    """Robot without a tool."""
+    return RobotModel(
         name=arm.name,
         joint_names=arm.joints,
         origins=arm.origins,
@@ -309,4 +338,3 @@ def load_robot(
         tool_position=np.zeros(3),
         tool_rotation=np.eye(3),
     )
-    return robot.with_tool(tool_position, tool_rotation)

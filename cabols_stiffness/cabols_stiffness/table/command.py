@@ -169,7 +169,7 @@ def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
     add = parser.add_argument
     add("task", choices=["identify"], help="what to do")
     add("table", type=Path, metavar="TABLE", help="CSV or Parquet file")
-    add("--robot", default="", help="URDF; default: the bench's IRB 1600")
+    add("--robot", default="", help="URDF, or YAML or CSV of DH parameters; default: IRB 1600")
     add("--tip", default="", help="link that carries the tool; default: tool0 or flange")
     add("--lock", action="append", default=[], metavar="JOINT=POSITION", help="hold a joint there")
     vector: dict[str, Any] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
