@@ -20,6 +20,8 @@ from graph_harness import next_environment, run_scenario
 
 pytestmark = pytest.mark.ros
 
+STEPS = 2400
+"""Samples of the lockstep runs: of the programme the first step and what follows it."""
 LOADED = {"auto_start": True, "program": "ramps", "speed": 0.1}
 """Slow motion: a machine that stalls for 10 ms stalls the rig for 1 ms; limits are the rig's."""
 
@@ -161,7 +163,7 @@ def lockstep_bags(tmp_path_factory):
         ended = run_bench(
             {
                 "lockstep": True,
-                "steps": 2200,
+                "steps": STEPS,
                 "seed": seed,
                 "auto_start": True,
                 "program": "multi_axis",
@@ -184,10 +186,10 @@ def test_lockstep_same_seed_same_bytes(lockstep_bags):
 def test_lockstep_loses_nothing_and_loads(lockstep_bags):
     bag = read_bag(lockstep_bags[0])
     state, current, command = bag["limb_state"], bag["motor_current"], bag["tension_command"]
-    np.testing.assert_array_equal(state["sequence"], np.arange(1, 2201))
-    np.testing.assert_array_equal(current["sequence"], np.arange(1, 2201))
-    np.testing.assert_array_equal(command["sequence"], np.arange(1, 2201))
-    np.testing.assert_array_equal(current["tension_sequence"], np.arange(1, 2201))
+    np.testing.assert_array_equal(state["sequence"], np.arange(1, STEPS + 1))
+    np.testing.assert_array_equal(current["sequence"], np.arange(1, STEPS + 1))
+    np.testing.assert_array_equal(command["sequence"], np.arange(1, STEPS + 1))
+    np.testing.assert_array_equal(current["tension_sequence"], np.arange(1, STEPS + 1))
     assert Mode.LOADING in bag["mode"]["mode"]
     loaded = command["active"].astype(bool)
     assert loaded.sum() > 500
