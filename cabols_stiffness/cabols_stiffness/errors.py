@@ -7,3 +7,7 @@ from cabols_control.errors import CabolsError
 
 class CampaignError(CabolsError):
     """A campaign, or its data, cannot be used; the message says what was expected and what came."""
+
+
+class TableError(CabolsError):
+    """A table that cannot be used: the message says what was expected and what came."""

@@ -12,12 +12,13 @@ import yaml
 import independent_arm as arm
 from cabols_control.errors import CabolsError
 from cabols_stiffness import load_robot
+from cabols_stiffness.errors import TableError
 from cabols_stiffness.identification.identify import identify
 from cabols_stiffness.model.result_file import read_result
 from cabols_stiffness.table.command import main
 from cabols_stiffness.table.laboratory import Stated, to_samples
 from cabols_stiffness.table.reading import read_table
-from cabols_stiffness.table.units import TableError, meaning
+from cabols_stiffness.table.units import meaning
 
 LAB = Path(__file__).parent.parent / "cases" / "stiffness" / "lab.csv"
 OPTIONS = ["--tool", "0", "0", "0.15", "--reflector", "0", "0.1", "0.05", "--deviation-um", "21"]

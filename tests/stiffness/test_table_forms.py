@@ -9,9 +9,10 @@ import pyarrow
 import pytest
 from pyarrow import parquet
 
-from cabols_stiffness.table.cells import read_cells
+from cabols_stiffness.data_files.cells import read_cells
+from cabols_stiffness.errors import TableError
 from cabols_stiffness.table.reading import read_table
-from cabols_stiffness.table.units import TableError, meaning
+from cabols_stiffness.table.units import meaning
 
 LAB = (Path(__file__).parent.parent / "cases" / "stiffness" / "lab.csv").read_text("utf-8")
 HEADER, *ROWS = LAB.splitlines()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import FloatArray, IntArray
+from cabols_stiffness.errors import TableError
 from cabols_stiffness.measurements.samples import LOADING, REFERENCE, PointSamples, Samples
 from cabols_stiffness.model.balance import balance
 from cabols_stiffness.model.prediction import law_of
@@ -21,7 +22,6 @@ from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import turn, turning
 from cabols_stiffness.table.reading import Table
-from cabols_stiffness.table.units import TableError
 
 UNBOUNDED = 1e5
 """Deviation across the direction of a distance, of that along it: far beyond any motion, and still

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.files.plain_numbers import LARGEST_SCALED, plain_number
-from cabols_stiffness.table.cells import Cells, read_cells
-from cabols_stiffness.table.units import JOINT, Meaning, TableError, meaning
+from cabols_stiffness.data_files.cells import Cells, read_cells
+from cabols_stiffness.errors import TableError
+from cabols_stiffness.table.units import JOINT, Meaning, meaning
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WHOLE = frozenset({"configuration", "load", "reflector", "group", "branch"})

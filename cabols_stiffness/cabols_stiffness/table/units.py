@@ -5,33 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-import numpy as np
-
-from cabols_control.errors import CabolsError
-
-LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
-ANGLE = {
-    "rad": 1.0,
-    "degree": np.pi / 180.0,
-    "degrees": np.pi / 180.0,
-    "mrad": 1e-3,
-    "urad": 1e-6,
-    "deg": np.pi / 180.0,
-    "°": np.pi / 180.0,
-}
-FORCE = {"n": 1.0, "kn": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605}
-TORQUE = {
-    "nm": 1.0,
-    "nmm": 1e-3,
-    "ncm": 1e-2,
-    "knm": 1e3,
-    "kgfm": 9.80665,
-    "kgfcm": 9.80665e-2,
-    "lbfin": 4.4482216152605 * 0.0254,
-    "lbfft": 4.4482216152605 * 0.3048,
-}
-KIND = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "torque": TORQUE}
-PLAIN = {"": 1.0}
+from cabols_stiffness.data_files.unit_words import KIND, plain_unit
+from cabols_stiffness.errors import TableError
 
 NAMES = {
     "configuration": ("config", "configuration", "pose", "conf", "configuration_index"),
@@ -58,10 +33,6 @@ KINDS = {
 """Kinds of unit that a column may have; joints: angle or length; others have none."""
 
 JOINT = re.compile(r"(?:q|j|joint|theta|axis|a)_?(\d+)$")
-
-
-class TableError(CabolsError):
-    """A table that cannot be used: the message says what was expected and what came."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +68,7 @@ def meaning(header: str, unit: str = "") -> Meaning | None:
     if not kinds:
         return Meaning(role, 1.0)
     known = {word: factor for kind in kinds for word, factor in KIND[kind].items()}
-    word = _plain(unit or written)
+    word = plain_unit(unit or written)
     if word not in known:
         raise TableError(
             f"column {header!r}: expected a unit of {', '.join(known)} in its header, as in "
@@ -106,24 +77,11 @@ def meaning(header: str, unit: str = "") -> Meaning | None:
     return Meaning(role, known[word])
 
 
-def is_unit(word: str) -> bool:
-    """Whether a word is a unit that some column may have.
-
-    Args:
-        word: as written, such as "N m".
-    """
-    return any(_plain(word) in table for table in KIND.values())
-
-
-def _plain(word: str) -> str:
-    return re.sub(r"[\s*·._]", "", word).lower()
-
-
 def _split(text: str) -> tuple[str, str]:
     """Name and unit of `name_unit`, `name unit`, `name/unit`; a unit of two parts, N_m, too."""
     units = {word for table in KIND.values() for word in table}
     name, slash, unit = text.rpartition("/")
-    if slash and _plain(unit) in units and _role(name) is not None:
+    if slash and plain_unit(unit) in units and _role(name) is not None:
         return name, unit
     parts = re.split(r"[_\s]+", text)
     for count in (2, 1):

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cabols_control.export.writers import library
-from cabols_stiffness.table.units import TableError, is_unit
+from cabols_stiffness.data_files.unit_words import is_unit
+from cabols_stiffness.errors import TableError
 
 MARKS = ",;\t|"
 PARQUET = (".parquet", ".pq")

@@ -1,0 +1,1 @@
+"""Tables as text: cells of CSV and Parquet files, words of units."""
