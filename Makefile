@@ -234,6 +234,10 @@ bench-analysis: setup  ## memory and time of analysing bags of up to an hour
 corpus: setup  ## read files in the forms that others write, and print the table of what is right
 	@$(BIN)/python tests/corpus/check.py
 
+bench-two-hosts: setup  ## one rig on two hosts (network namespaces): delay, loss, errors (needs root; ARGS=--short)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/two_hosts.py $(ARGS)
+
 rt-check: setup  ## say what this computer's kernel gives a control loop, and what to set
 	@.venv/lib/cabols_control/rt_check --output build/bench/rt_check.json $(ARGS)
 

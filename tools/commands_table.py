@@ -4,21 +4,26 @@ Usage: commands_table.py            print the table
        commands_table.py --write    write docs/commands.md (`make commands-table`)
 
 Each call runs in a folder of its own. It "started something" if it changed anything there, or began
-a log of ROS, which rclpy does before anything else. Needs the environment of `make setup`.
+a log of ROS, which rclpy does before anything else. Help is asked of the executable itself; for the
+other cases its entry point is called in a fork of a process that has imported what is large
+already, which is most of what a mistake costs. Needs the environment of `make setup`.
 """
 
 from __future__ import annotations
 
 import argparse
 import configparser
+import multiprocessing
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from typing import NoReturn
 
 from cabols_control.declared_parameters import declared_parameters
 from structure import ROOT
@@ -28,6 +33,12 @@ CASES = ("--help", "wrong option", "misspelt parameter", "missing file", "occupi
 AT_ONCE = 2
 PATIENCE_S = 600.0
 """A first call may compile inner loops."""
+LIBRARIES = [
+    *("numpy", "scipy.optimize", "scipy.signal", "scipy.stats", "scipy.spatial.transform"),
+    *("numba", "pinocchio", "matplotlib.figure", "mpl_toolkits.mplot3d", "pydantic", "yaml"),
+    *("rclpy", "rosbags.highlevel", "cabols_control.tension"),
+]
+"""What many executables import, and what of it takes long."""
 NOWHERE, OCCUPIED, FOREIGN = "nowhere.yaml", "occupied", "thesis.tex"
 MISSING_FILE: dict[str, tuple[str, ...]] = {
     "recover": ("nowhere",),
@@ -79,11 +90,18 @@ class Executable:
         package: that has it.
         name: as `ros2 run` knows it.
         is_node: whether it takes ROS parameters only.
+        entry_point: module:function that it calls.
     """
 
     package: str
     name: str
     is_node: bool
+    entry_point: str = field(default="", compare=False)
+
+    @property
+    def path(self) -> str:
+        """Where `ros2 run` finds it."""
+        return str(Path(sys.prefix) / "lib" / self.package / self.name)
 
 
 @dataclass(frozen=True)
@@ -128,7 +146,8 @@ def executables() -> list[Executable]:
             name, _, target = (part.strip() for part in line.partition("="))
             if name:
                 module = target.partition(":")[0]
-                found.append(Executable(package, name, _is_node(package, module, name)))
+                is_node = _is_node(package, module, name)
+                found.append(Executable(package, name, is_node, target))
     return found
 
 
@@ -167,19 +186,68 @@ def observe(executable: Executable, case: str, words: tuple[str, ...]) -> Outcom
         (folder / OCCUPIED).mkdir(parents=True)
         (folder / OCCUPIED / FOREIGN).write_text("years of work", encoding="utf-8")
         before = _snapshot(Path(place))
-        done = subprocess.run(
-            [str(Path(sys.prefix) / "lib" / executable.package / executable.name), *words],
-            cwd=folder,
-            env={**os.environ, "ROS_LOG_DIR": str(logs), "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
-            capture_output=True,
-            stdin=subprocess.DEVNULL,
-            text=True,
-            timeout=PATIENCE_S,
-            check=False,
-        )
+        environment = {"ROS_LOG_DIR": str(logs), "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
+        call = _execute if case == CASES[0] else _fork
+        code, output, errors = call(executable, words, folder, environment)
         changed = sorted(before.items() ^ _snapshot(Path(place)).items())
     names = sorted({name for name, _ in changed})[:5]
-    return Outcome(executable, case, words, done.returncode, done.stdout, done.stderr, names)
+    return Outcome(executable, case, words, code, output, errors, names)
+
+
+def _execute(
+    executable: Executable, words: Sequence[str], folder: Path, environment: dict[str, str]
+) -> tuple[int, str, str]:
+    """Run the executable; return exit code, output and errors."""
+    done = subprocess.run(
+        [executable.path, *words],
+        cwd=folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        stdin=subprocess.DEVNULL,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def _fork(
+    executable: Executable, words: Sequence[str], folder: Path, environment: dict[str, str]
+) -> tuple[int, str, str]:
+    """Call the entry point in a process of its own; return exit code, output and errors."""
+    texts = (folder.parent / "output.txt", folder.parent / "errors.txt")
+    forks = multiprocessing.get_context("forkserver")
+    forks.set_forkserver_preload(LIBRARIES)
+    call = (executable.entry_point, [executable.path, *words], folder, environment, *texts)
+    process = forks.Process(target=_call, args=call)
+    process.start()
+    process.join(PATIENCE_S)
+    if process.exitcode is None:
+        process.kill()
+        process.join()
+        raise subprocess.TimeoutExpired([executable.path, *words], PATIENCE_S)
+    output, errors = (text.read_text("utf-8") for text in texts)
+    for text in texts:
+        text.unlink()
+    return process.exitcode, output, errors
+
+
+def _call(
+    entry_point: str,
+    words: list[str],
+    folder: Path,
+    environment: dict[str, str],
+    output: Path,
+    errors: Path,
+) -> NoReturn:
+    """Do in this process what the executable does."""
+    for path, stream in ((output, 1), (errors, 2)):
+        os.dup2(os.open(path, os.O_CREAT | os.O_WRONLY), stream)
+    os.chdir(folder)
+    os.environ.update(environment)
+    sys.argv = words
+    module, _, function = entry_point.partition(":")
+    sys.exit(getattr(import_module(module), function)())
 
 
 def _snapshot(folder: Path) -> dict[str, str]:

@@ -136,6 +136,12 @@ ARGUMENTS = (
     ),
     Argument("namespace", NAMESPACE, "of all nodes; rigs of different ones do not meet"),
     Argument(
+        "nodes",
+        "",
+        "names, by commas, of those to start; empty: all; of one rig on several hosts each launch "
+        "starts its own",
+    ),
+    Argument(
         "log_level",
         "info",
         "of all nodes",

@@ -16,6 +16,7 @@ from typing import Any
 
 import yaml
 
+from cabols_control.bringup.argument_text import listed
 from cabols_control.bringup.graph import all_arguments, all_nodes, with_arguments
 from cabols_control.bringup.specs import NodeSpec
 from cabols_control.bringup_nodes import OF_EVERY_NODE
@@ -51,7 +52,7 @@ def complete(
         typed: names of those that somebody gave: they go before the file.
 
     Raises:
-        ConfigError: if the file cannot be used, naming every mistake.
+        ConfigError: if the file cannot be used, naming every mistake, or the graph lacks a node.
     """
     nodes = with_arguments(graph, dict(values))
     path = str(values.get("params_file", ""))
@@ -59,6 +60,7 @@ def complete(
         nodes = _with_file(graph, nodes, Path(path), typed)
     defaults = {argument.name: argument.default for argument in all_arguments()}
     _check_same_rig(nodes, defaults)
+    nodes = chosen(nodes, str(values.get("nodes", defaults["nodes"])))
     namespace = str(values.get("namespace", defaults["namespace"]))
     level = str(values.get("log_level", defaults["log_level"]))
     return [
@@ -71,6 +73,26 @@ def complete(
         else node
         for node in nodes
     ]
+
+
+def chosen(graph: Sequence[NodeSpec], names: str) -> list[NodeSpec]:
+    """Choose nodes of a graph.
+
+    Args:
+        graph: its nodes.
+        names: of those to start, by commas; empty: all.
+
+    Raises:
+        ConfigError: for a name that no node of the graph has.
+    """
+    wanted = listed(names)
+    there = [node.executable for node in graph]
+    if strange := [name for name in wanted if name not in there]:
+        raise ConfigError(
+            f"nodes: expected some of {', '.join(there)}, got {', '.join(strange)}; robot, record, "
+            "campaign and console say which nodes the graph has"
+        )
+    return [node for node in graph if not wanted or node.executable in wanted]
 
 
 def _check_same_rig(nodes: Sequence[NodeSpec], defaults: Mapping[str, Any]) -> None:

@@ -26,6 +26,7 @@ TEXTS = {
     "campaign_folder": ("{new}", "{file}"),
     "bias_file": ("{new}", None),
     "description": ("a first run, 20 N", None),
+    "nodes": ("supervisor, limb_controller", "supervisor,limb"),
     "record_also": ("/rosout,/room/t:std_msgs/msg/String", "/room/t"),
     "console_host": ("0.0.0.0", "my host"),
     "robot_address": ("192.168.125.1", "192.168 125.1"),
@@ -84,6 +85,17 @@ def test_right_wrong_and_misspelt(kind, argument, places):
     misspelt = argument.name[0] + argument.name
     with pytest.raises(ConfigError, match=rf"{misspelt}: there is no such argument; did you mean"):
         read_arguments(CASES[kind], {misspelt: right})
+
+
+def test_each_host_of_a_rig_starts_its_own_nodes():
+    """In the graph's order; a node that the graph lacks is told."""
+    whole = [node.executable for node in complete(bench_graph(), {})]
+    at_the_rig = [name for name in whole if name != "limb_controller"]
+    for names in (["limb_controller"], at_the_rig):
+        nodes = complete(bench_graph(), {"nodes": ",".join(reversed(names))})
+        assert [node.executable for node in nodes] == names
+    with pytest.raises(ConfigError, match=r"^nodes: expected some of .* got frames; .*campaign"):
+        complete(bench_graph(), {"nodes": "frames,plant"})
 
 
 def test_an_argument_of_the_other_launch_file_is_none_of_this_one():

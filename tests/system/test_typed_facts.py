@@ -36,7 +36,7 @@ ALLOWED = {
     "cabols_control/bringup/argument_text.py read_argument": "value of a launch argument",
     "cabols_control/bringup/argument_text.py _expanded": "a path of a launch argument",
     "cabols_control/bringup/argument_text.py _find_program": "name of a programme",
-    "cabols_control/bringup/argument_text.py listed_topics": "names of topics, by commas",
+    "cabols_control/bringup/argument_text.py listed": "names of topics or nodes, by commas",
     "cabols_control/bringup/launching.py argument_values": "value of a launch argument",
     "cabols_control/rig_tools/rig_urdf.py _three": "numbers of an option",
     "cabols_control/topics.py foreign_row": "name and type of a topic",

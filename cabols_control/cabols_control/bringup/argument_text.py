@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cabols_control.bringup.graph import all_nodes
 from cabols_control.bringup.specs import Argument
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.files.plain_numbers import plain_number
@@ -176,14 +177,20 @@ def _find_program(text: str) -> None:
 
 def _find_topics(text: str) -> None:
     try:
-        for name in listed_topics(text):
+        for name in listed(text):
             foreign_row(name)
     except ValueError as error:
         raise ConfigError(str(error)) from error
 
 
-def listed_topics(text: str) -> list[str]:
-    """Names of topics in a text that separates them by commas."""
+def _find_nodes(text: str) -> None:
+    there = {node.executable for node in all_nodes()}
+    if strange := [name for name in listed(text) if name not in there]:
+        raise ConfigError(f"expected some of {', '.join(sorted(there))}, got {', '.join(strange)}")
+
+
+def listed(text: str) -> list[str]:
+    """Names, such as topics', in a text that separates them by commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
@@ -208,5 +215,6 @@ LOOKED_UP: dict[str, Callable[[str], Any]] = {
     "program": _find_program,
     "output": _new_folder,
     "record_also": _find_topics,
+    "nodes": _find_nodes,
     "tension_method": lambda text: check_method(MIN_CABLES, text),
 }

@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.names import relative
-from cabols_control.bringup.argument_text import listed_topics
+from cabols_control.bringup.argument_text import listed
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.errors import ConfigError
 from cabols_control.realtime.scheduling import be_ordinary
@@ -255,7 +255,7 @@ def _further(text: str) -> list[Topic]:
         ConfigError: if one has no such name or type, or its type is not installed here.
     """
     try:
-        rows = [foreign_row(name) for name in listed_topics(text)]
+        rows = [foreign_row(name) for name in listed(text)]
         for row in rows:
             topics.class_of(row.type_name)
     except (ValueError, ImportError, AttributeError) as error:
