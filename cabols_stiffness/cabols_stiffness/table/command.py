@@ -1,4 +1,4 @@
-"""Executable cabols-stiffness: joint stiffness from a table of loads and deflections.
+"""Executable cabols-stiffness: joint stiffness from a table of loads and deflections, and its use.
 
 `cabols-stiffness identify loads.csv --robot robot.urdf --tip tool0` needs neither a rig nor ROS.
 The table (CSV or Parquet) has a line of headers, each with its unit, or the units in a line below:
@@ -6,6 +6,9 @@ q1_deg to qN_deg (prismatic joints in mm or m), fx_N to mz_Nm, and what was meas
 dz_mm (and rx_mrad, ...) against the unloaded robot, or positions px_mm, ..., or distance_mm to an
 anchor; config, load, group, branch, reflector where there are such. Empty cells were not measured.
 The verdict comes before the numbers.
+
+`cabols-stiffness correct PROGRAM` and `cabols-stiffness export RESULT` use what was identified: a
+program's points corrected, springs for a simulator; each has a --help of its own.
 """
 
 from __future__ import annotations
@@ -24,6 +27,8 @@ from cabols_control.files.output_folder import output_folder
 from cabols_stiffness.certificate.made import certificate_of
 from cabols_stiffness.certificate.pages import write_certificate
 from cabols_stiffness.certificate.statement import Statement, load_statement
+from cabols_stiffness.data_files.command_words import joint_position
+from cabols_stiffness.export import command as export_command
 from cabols_stiffness.identification.identify import identify
 from cabols_stiffness.ladder.identified import identify_ladder, model_word
 from cabols_stiffness.ladder.texts import ladder_mapping, ladder_text
@@ -33,13 +38,24 @@ from cabols_stiffness.model.result_file import write_result
 from cabols_stiffness.model.robot import RobotModel, load_robot
 from cabols_stiffness.model.verdict import Grade
 from cabols_stiffness.model.verdict_text import verdict_lines
+from cabols_stiffness.table import program
 from cabols_stiffness.table.laboratory import Stated, to_samples
 from cabols_stiffness.table.reading import Table, read_table
+
+TASKS = {"correct": program.main, "export": export_command.main}
+"""Besides identify, each with options of its own."""
 
 
 @command
 def main(words: Sequence[str] | None = None) -> int:
-    """Identify; 0, 1 if the data contradict the model, 2 for a wrong command line or table."""
+    """Do a task; 0, 1 if the data contradict the model, 2 for a wrong command line or table."""
+    given = list(sys.argv[1:] if words is None else words)
+    if given and given[0] in TASKS:
+        return TASKS[given[0]](given[1:])
+    return _identify(given)
+
+
+def _identify(words: Sequence[str]) -> int:
     options = _arguments(words)
     stated = Stated(
         position_m=1e-6 * options.deviation_um,
@@ -52,7 +68,7 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     if options.model == AS_PUBLISHED:
         raise UsageError(f"--model {AS_PUBLISHED}: expected another one; it is for comparison only")
-    locked = dict(_locked(word) for word in options.lock)
+    locked = dict(joint_position(word) for word in options.lock)
     robot = load_robot(options.robot or None, options.tip, options.tool, locked=locked)
     mapping = read_yaml(options.mapping) if options.mapping else None
     table = read_table(options.table, robot.n, mapping)
@@ -156,18 +172,10 @@ def _write_csv(path: Path, result: StiffnessResult, robot: RobotModel) -> None:
             rows.writerow([name, unit, *(f"{float(value):.8g}" for value in numbers)])
 
 
-def _locked(word: str) -> tuple[str, float]:
-    name, mark, value = word.partition("=")
-    try:
-        return name, float(value if mark else "0")
-    except ValueError as error:
-        raise UsageError(f"--lock {word}: expected NAME=POSITION [rad or m]") from error
-
-
-def _arguments(words: Sequence[str] | None) -> argparse.Namespace:
+def _arguments(words: Sequence[str]) -> argparse.Namespace:
     parser = CommandParser("cabols-stiffness", __doc__)
     add = parser.add_argument
-    add("task", choices=["identify"], help="what to do")
+    add("task", choices=["identify", *TASKS], help="what to do")
     add("table", type=Path, metavar="TABLE", help="CSV or Parquet file")
     add("--robot", default="", help="URDF, or YAML or CSV of DH parameters; default: IRB 1600")
     add("--tip", default="", help="link that carries the tool; default: tool0 or flange")

@@ -1,0 +1,1 @@
+"""Identified stiffness in the files of simulators: URDF, SDF, MuJoCo."""
