@@ -87,6 +87,16 @@ def test_robot_stops_when_the_rig_is_not_well(moving):
     stands(robot, program)
 
 
+def test_fault_that_is_known_ends_the_connection(moving):
+    """The robot need not wait for the silence."""
+    robot, program, heart, says = moving
+    says[0] = "the mode is FAULT"
+    wait_until(lambda: not heart.connected, "the end of the connection")
+    stands(robot, program)
+    says[0] = ""
+    wait_until(lambda: heart.connected, "a connection")
+
+
 def test_robot_stops_when_the_connection_ends(moving):
     robot, program, heart, _ = moving
     heart.stop()

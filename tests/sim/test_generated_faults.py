@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from cabols_control.supervision.faults import FaultName
@@ -9,7 +10,7 @@ from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.in_process.command import SEEDS, run_generated
 from cabols_sim.fault_campaign.in_process.kinds import STATES, WIRED, generated_kinds
 from cabols_sim.fault_campaign.in_process.summary import generated_holds, summarise_generated
-from cabols_sim.fault_campaign.in_process.trials import Bench, run_trial
+from cabols_sim.fault_campaign.in_process.trials import Bench, _safe_s, run_trial
 from cabols_sim.fault_campaign.kinds import KINDS
 from cabols_sim.plant.miswiring import Miswiring
 
@@ -97,6 +98,33 @@ def test_motor_that_coasts_after_its_amplifiers_fault_is_counted_apart():
     summary = summarise_generated([coasts])
     assert summary["coasting"] == 1
     assert summary["slow_to_safe"] == 0
+
+
+def test_robot_that_still_brakes_is_counted_apart_only_where_nothing_else_pulls():
+    brakes = made(safe_time_s=0.2, safe_but_robot_s=0.0)
+    pulls = made(seed=1, safe_time_s=0.2, safe_but_robot_s=0.2)
+    summary = summarise_generated([brakes, pulls, made(seed=2, safe_time_s=0.2)])
+    assert summary["not_safe_in_time"] == 3
+    assert summary["robot_brakes"] == 1
+    assert summary["slow_to_safe"] == 2
+    assert generated_holds(summarise_generated([brakes]))
+
+
+def test_safe_is_where_no_limb_grows_not_only_the_highest():
+    times = 0.001 * np.arange(1, 201)
+    tension = np.tile([80.0, 10.0], (200, 1))
+    tension[:, 1] += np.minimum(100.0 * times, 12.0)
+    assert _safe_s(times, tension, 0.01) == pytest.approx(0.1, abs=0.002)
+    tension[:, 1] = 10.0 + np.minimum(100.0 * times, 4.0)
+    assert _safe_s(times, tension, 0.01) == 0.0
+
+
+@pytest.mark.parametrize("seed", [1, 8])
+def test_limbs_give_way_on_a_path_also_after_samples_that_the_card_missed(bench, seed):
+    """The card's own watchdog has expired then, and must be cleared before anything can pay out."""
+    trial = run_trial(bench, kind("path under load: samples missing"), seed)
+    assert trial["detected"]
+    assert trial["safe_time_s"] <= 0.05
 
 
 SECOND = ("amplifier delivers all", "encoder jumps", "motor of the highest jams")

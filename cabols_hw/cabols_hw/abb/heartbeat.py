@@ -2,7 +2,8 @@
 
 The task T_CABOLS on the controller (rapid/cabols_watch.mod) takes one connection and reads bytes;
 0.1 s without one, or an end of the connection, stops the robot. The rig sends 50 a second, and only
-while it is well: a frozen or dead process, a dead network and a fault all stop the robot alike.
+while it is well: a frozen or dead process, a dead network and a fault all stop the robot alike. A
+fault that the rig knows of ends the connection, which saves the robot the silence.
 """
 
 from __future__ import annotations
@@ -131,11 +132,14 @@ class Heartbeat:
             self._stop.wait(CONNECT_S)
 
     def _beat(self, link: socket.socket) -> None:
-        due = time.monotonic()
+        due, beaten = time.monotonic(), False
         while not self._stop.wait(max(0.0, due - time.monotonic())):
             due = max(due + PERIOD_S, time.monotonic())
             if not self._trouble():
                 link.send(BEAT)
+                beaten = True
+            elif beaten:
+                return
             # An end of the connection shows as a byte-less read.
             with suppress(BlockingIOError):
                 if not link.recv(16):

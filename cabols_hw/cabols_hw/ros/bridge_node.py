@@ -332,7 +332,8 @@ class BridgeNode(ControlNode):
         if self._guard.enabled != self._enabled:
             self._enabled = self._guard.enabled
             self.daq.enable(self._enabled)
-        if expired and self._mode not in MOVING:
+        # After a fault the guard alone decides: it may have to brake, or to give way to the robot.
+        if expired and (self._mode not in MOVING or self._guard.fault is not None):
             self.daq.clear_watchdog()
 
     def _hear_mode(self) -> None:

@@ -170,6 +170,11 @@ class Plant:
         bias: FloatArray = self._sensors["bias"][0]
         return bias
 
+    @property
+    def cable_length(self) -> FloatArray:
+        """(n,) from point to point, where the target is [m]; a view."""
+        return self._length
+
     def _place(self) -> None:
         pose = (self.target.position, self.target.rotation)
         cable_lengths_into(self._cables, *pose, self._length)

@@ -12,7 +12,7 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.rig import Rig
-from cabols_control.supervision.modes import OperatingMode
+from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.card.config import CardConfig
@@ -30,8 +30,9 @@ POSE_EVERY, POSE_LAG = 4, 6
 """Samples between two poses, and a pose's age in samples when it arrives."""
 PATH_EVERY = 50
 """Samples between two announcements of a path."""
-HEARTBEAT_S, BRAKE_S = 0.12, 0.3
-"""From the bridge's fault until the robot begins to brake (a beat and its silence), and braking."""
+HEARTBEAT_S, BRAKE_S = 0.04, 0.3
+"""From the bridge's fault until the robot begins to brake (report, a beat, the connection's end),
+and braking."""
 
 
 class MovingRobot:
@@ -172,10 +173,13 @@ class LockstepRig:
         self.now_s = 1e-9 * sample.time_ns
         self._tell_pose()
         self.bridge.take(sample, self.mode)
-        guard = self.guard
-        if guard.sample(self.now_s, self.bridge, self.mode, self.card.watchdog_expired):
+        guard, expired = self.guard, self.card.watchdog_expired
+        if guard.sample(self.now_s, self.bridge, self.mode, expired):
             self._write()
         self.card.enable(guard.enabled)
+        # As the bridge's node does.
+        if expired and (self.mode not in MOVING or guard.fault is not None):
+            self.card.clear_watchdog()
         if guard.fault is not None and self.mode != OperatingMode.STOPPED:
             self.mode = OperatingMode.FAULT
             self.robot.stop()

@@ -38,6 +38,7 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
     judged = [t for t in trials if not t["latent"]]
     found = [t for t in trials if t["detected"]]
     safe = [t["safe_time_s"] for t in found]
+    slow = [t for t in found if t["safe_time_s"] > SAFE_WITHIN_S]
     return {
         "rows": [_row(kind, mine) for kind, mine in by_kind.items()],
         "kinds": len(by_kind),
@@ -45,8 +46,10 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "must_detect": len(judged),
         "undetected": sum(not t["detected"] for t in judged),
         "late": sum(t["detected"] and t["detection_time_s"] > t["within_s"] for t in judged),
-        "slow_to_safe": sum(t["safe_time_s"] > SAFE_WITHIN_S for t in found if not t["amplifier"]),
-        "coasting": sum(t["safe_time_s"] > SAFE_WITHIN_S for t in found if t["amplifier"]),
+        "not_safe_in_time": len(slow),
+        "coasting": sum(t["amplifier"] for t in slow),
+        "robot_brakes": sum(_by_robot(t) for t in slow),
+        "slow_to_safe": sum(not t["amplifier"] and not _by_robot(t) for t in slow),
         "beyond_drive": sum((t["beyond_drive_n"] or 0.0) > 0.0 for t in trials),
         "safe_median_s": float(np.median(safe)) if safe else 0.0,
         "peak_tension_n": max((t["peak_tension_n"] for t in trials), default=0.0),
@@ -66,6 +69,12 @@ def generated_holds(summary: dict[str, Any]) -> bool:
         summary: of summarise_generated.
     """
     return summary["trials"] > 0 and not any(summary[name] for name in BROKEN)
+
+
+def _by_robot(trial: dict[str, Any]) -> bool:
+    """Whether nothing but the robot's way until it stands makes tensions grow."""
+    alone_s = trial.get("safe_but_robot_s")
+    return not trial["amplifier"] and alone_s is not None and alone_s <= SAFE_WITHIN_S
 
 
 def _beyond(trial: dict[str, Any]) -> bool:
@@ -113,9 +122,10 @@ def generated_text(summary: dict[str, Any]) -> str:
         f"\n{summary['trials']} trials of {summary['kinds']} kinds in one process; to be detected "
         f"{summary['must_detect']}: undetected {summary['undetected']}, later than the kind's "
         f"bound {summary['late']}.\nNot safe within {1e3 * SAFE_WITHIN_S:.0f} ms of detection "
-        f"{summary['slow_to_safe']}, median {1e3 * summary['safe_median_s']:.1f} ms; motors that "
-        f"coast for longer after their own amplifier's fault {summary['coasting']}, of them "
-        f"beyond what 3 ms of it give {summary['beyond_drive']}. Beyond "
+        f"{summary['not_safe_in_time']}, median {1e3 * summary['safe_median_s']:.1f} ms: in "
+        f"{summary['coasting']} a motor coasts after its own amplifier's fault (beyond what 3 ms "
+        f"of it give: {summary['beyond_drive']}), in {summary['robot_brakes']} the robot brakes "
+        f"and stretches a cable by its way, for other causes {summary['slow_to_safe']}. Beyond "
         f"{TENSION_N:g} N {summary['tension_exceeded']} (of them by an amplifier "
         f"{summary['tension_exceeded_amplifier']}), highest {summary['peak_tension_n']:.1f} N; "
         f"robot beyond the sensor's range {summary['robot_exceeded']}; "

@@ -28,8 +28,8 @@ CREEP_N = 1.0
 """Growth that is left when a rig counts as safe, as of a robot that still brakes [N]."""
 FULL_A, OFF_S, DRIVE_MARGIN = 5.0, 0.003, 1.2
 """An amplifier's own current that counts as full [A]; it must be off by then [s], within 20 %."""
-HARMLESS_N = 50.0
-"""A third of what a spring bears: growth below it leaves a rig safe [N]."""
+TICK_S = 0.5 * PERIOD_S
+"""What rounding may shift a sample's time by [s]."""
 PLANTS = 4
 """Plants of different slack, bias and noise; a trial's is drawn by its seed."""
 
@@ -146,7 +146,6 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
     healthy = rig.guard.fault is None or not first
     wrench = rig.plant.wrench.copy()
     struck_s = rig.now_s
-    before = float(rig.plant.tension.max())
     kind.disturbance.strike(rig, random)
     driven = _driven(rig)
     fault_before = rig.guard.fault
@@ -155,19 +154,25 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
         rig.mode = OperatingMode.PRETIGHTENING
     found_s, end_s = np.inf, struck_s + watched_s
     rows, beyond = [], -np.inf
-    while rig.now_s < end_s - 0.5 * PERIOD_S:
+    while rig.now_s < end_s - TICK_S:
         rig.cycle()
         if kind.state == WIRED and rig.mode == OperatingMode.PRETIGHTENING:
             _go_on(rig, random)
         for limb, bound in driven.items():
             beyond = max(beyond, float(rig.plant.tension[limb]) - bound)
-        rows.append((rig.now_s, rig.plant.tension.max(), rig.plant.wrench.copy()))
+        plant = rig.plant
+        rows.append(
+            (rig.now_s, plant.tension.copy(), plant.wrench.copy(), plant.cable_length.copy())
+        )
         if not np.isfinite(found_s) and rig.guard.fault is not fault_before:
             found_s = rig.now_s
             end_s = min(end_s, found_s + AFTER_S)
     times = np.array([row[0] for row in rows])
     tension = np.array([row[1] for row in rows])
     wrenches = np.array([row[2] for row in rows])
+    way = np.array([row[3] for row in rows])
+    lengthened = np.cumsum(np.maximum(np.diff(way, axis=0, prepend=way[:1]), 0.0), axis=0)
+    by_robot = float(rig.rig.limbs.stiffness) * lengthened
     change = wrenches - wrench
     fault = rig.guard.fault
     return {
@@ -181,7 +186,8 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
         "detected": bool(np.isfinite(found_s)),
         "detection_time_s": float(found_s - struck_s) if np.isfinite(found_s) else None,
         "found_by": str(fault.name) if fault is not None and np.isfinite(found_s) else "",
-        "safe_time_s": _safe_s(times, tension, found_s, before),
+        "safe_time_s": _safe_s(times, tension, found_s),
+        "safe_but_robot_s": _safe_s(times, tension - by_robot, found_s),
         "peak_tension_n": float(tension.max()),
         "peak_axes": np.abs(wrenches).max(axis=0).tolist(),
         "change_force_n": float(np.linalg.norm(change[:, :3], axis=1).max()),
@@ -213,19 +219,23 @@ def _go_on(rig: LockstepRig, random: np.random.Generator) -> None:
         rig.desired[:3] = PATH_LOAD_N * direction / np.linalg.norm(direction)
 
 
-def _safe_s(times: FloatArray, tension: FloatArray, found_s: float, before: float) -> float | None:
-    """Time from detection until no tension grows any more [s]; None if nothing was detected.
+def _safe_s(times: FloatArray, tension: FloatArray, found_s: float) -> float | None:
+    """Time from detection until no limb's tension grows any more [s]; None without detection.
 
-    Where it never grows by TOLERANCE_N, or stays below HARMLESS_N, that is at once; else it is the
-    first instant from which on the highest tension grows by CREEP_N at most.
+    Where none ever grows by TOLERANCE_N that is at once; else it is the first instant from which
+    on none of them grows by CREEP_N.
+
+    Args:
+        times: (k,) [s].
+        tension: (k, n) [N].
+        found_s: when the fault was detected [s].
     """
     if not np.isfinite(found_s):
         return None
-    at = tension[times <= found_s]
-    reference = max((float(at[-1]) if at.size else before) + TOLERANCE_N, HARMLESS_N)
-    after = times > found_s
-    if not after.any() or not tension[after].max() > reference:
-        return 0.0
+    after = times > found_s - TICK_S
     later = tension[after]
-    highest = np.maximum.accumulate(later[::-1])[::-1]
-    return float(times[after][int(np.argmax(highest - later <= CREEP_N))] - found_s)
+    growth = np.maximum.accumulate(later[::-1], axis=0)[::-1] - later
+    if not growth[0].max() > TOLERANCE_N:
+        return 0.0
+    settled = int(np.argmax((growth <= CREEP_N).all(axis=1)))
+    return float(times[after][settled] - found_s)
