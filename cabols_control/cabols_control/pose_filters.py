@@ -31,6 +31,9 @@ FORGETTING = np.array([0.0, 0.5, 0.75, 0.9, 0.95])
 SCORE_SHARE = 0.06
 """Of the newest miss in a score: about 16 poses count."""
 WEIGHTING = 4
+JUDGED = 8
+"""Poses by which the filters have been judged before any but the differences counts: one alone may
+have been announced by chance."""
 FLOOR = (1e-8, 1e-8)
 """Misses that count as none: of places [m], of rotations [rad]."""
 
@@ -40,6 +43,7 @@ POSE_FILTERS = np.dtype(
         ("off", np.float64, (FILTERS, 6)),  # from the newest pose [m], [rad], base axes
         ("speed", np.float64, (FILTERS, 6)),  # at the newest pose [m/s], [rad/s]
         ("gain", np.float64, (FILTERS, 6)),  # acceleration [m/s^2], [rad/s^2]
+        ("jerk", np.float64, (6,)),  # of the differences [m/s^3], [rad/s^3]
         ("score", np.float64, (2, FILTERS)),  # of places [m^2], of rotations [rad^2]
     ],
     align=True,
@@ -54,6 +58,7 @@ def restart_filters(filters: Any) -> None:
     filters["off"][:] = 0.0
     filters["speed"][:] = 0.0
     filters["gain"][:] = 0.0
+    filters["jerk"][:] = 0.0
     filters["score"][:] = 0.0
 
 
@@ -93,7 +98,9 @@ def hear_step(filters: Any, step: FloatArray, dt_s: float, last: Any) -> None:
 
 
 @njit(cache=True)
-def mean_of_filters(filters: Any, off: FloatArray, speed: FloatArray, gain: FloatArray) -> None:
+def mean_of_filters(
+    filters: Any, off: FloatArray, speed: FloatArray, gain: FloatArray, jerk: FloatArray
+) -> None:
     """Fill (6,) each: what the filters say together; see POSE_FILTERS."""
     for part in range(2):
         floor = FLOOR[part] * FLOOR[part]
@@ -105,12 +112,17 @@ def mean_of_filters(filters: Any, off: FloatArray, speed: FloatArray, gain: Floa
             off[k] = speed[k] = gain[k] = 0.0
         for i in range(FILTERS):
             weight = (best / (filters["score"][part, i] + floor)) ** WEIGHTING
+            if i > 0 and filters["heard"] < JUDGED:
+                weight = 0.0
             total += weight
             for k in range(3 * part, 3 * part + 3):
                 off[k] += weight * filters["off"][i, k]
                 speed[k] += weight * filters["speed"][i, k]
                 gain[k] += weight * filters["gain"][i, k]
         for k in range(3 * part, 3 * part + 3):
+            # Only the differences have one, so that noise takes it away with their weight.
+            share = (best / (filters["score"][part, 0] + floor)) ** WEIGHTING / total
+            jerk[k] = share * filters["jerk"][k]
             off[k] /= total
             speed[k] /= total
             gain[k] /= total

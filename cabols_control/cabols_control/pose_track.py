@@ -39,6 +39,8 @@ ACCELERATION_MAX = 10.0
 """Of a robot's tool, at most [m/s^2]; what looks like more is a jump."""
 SPIN_MAX = 50.0
 """Angular acceleration, likewise [rad/s^2]."""
+JERK_MAX, SPIN_JERK_MAX = 400.0, 2000.0
+"""That an acceleration is extrapolated with, at most [m/s^3], [rad/s^3]."""
 SPEED_MAX, TURNING_MAX = 1.0, 3.0
 """Speeds beyond these are no robot's under load [m/s], [rad/s]."""
 NOISE_MPS, NOISE_RADPS = 0.01, 0.1
@@ -82,6 +84,7 @@ POSE_TRACK = np.dtype(
         ("off", np.float64, (6,)),  # where the platform was, from the newest pose [m], [rad]
         ("speed", np.float64, (6,)),  # velocity at the newest pose
         ("gain", np.float64, (6,)),  # acceleration [m/s^2], [rad/s^2]
+        ("jerk", np.float64, (6,)),  # [m/s^3], [rad/s^3]
         ("place", np.float64, (3,)),  # extrapolated position [m]
         ("turn", np.float64, (3, 3)),  # extrapolated rotation
         ("velocity", np.float64, (6,)),  # extrapolated [m/s], [rad/s]
@@ -150,7 +153,7 @@ def _begin(own: Any, time_s: float, position: FloatArray, rotation: FloatArray) 
     own["steps"], own["poses"], own["time"] = 0, 1, time_s
     own["position"][:], own["rotation"][:] = position, rotation
     own["speed"][:], own["gain"][:], own["mean"][:] = 0.0, 0.0, 0.0
-    own["off"][:] = 0.0
+    own["off"][:], own["jerk"][:] = 0.0, 0.0
     restart_filters(own["filters"])
 
 
@@ -200,9 +203,12 @@ def hear_pose(track: Any, time_s: float, position: FloatArray, rotation: FloatAr
     hear_step(filters, mean * dt_s, dt_s, own["steps"] > 1)
     # Views of one filter: that of the differences.
     speed, gain = filters["speed"][0], filters["gain"][0]
+    jerk = filters["jerk"]
     for k in range(6):
         if own["steps"] > 1:
-            gain[k] += SMOOTHING * (change[k] / middle_s - gain[k])
+            grown = SMOOTHING * (change[k] / middle_s - gain[k])
+            gain[k] += grown
+            jerk[k] += SMOOTHING * (grown / dt_s - jerk[k])
         elif known:
             gain[k] = SMOOTHING * change[k] / middle_s
     own["steps"] = min(own["steps"] + 1, 2)
@@ -210,11 +216,13 @@ def hear_pose(track: Any, time_s: float, position: FloatArray, rotation: FloatAr
     own["position"][:], own["rotation"][:], own["mean"][:] = position, rotation, mean
     _bound(gain, 0, ACCELERATION_MAX)
     _bound(gain, 3, SPIN_MAX)
+    _bound(jerk, 0, JERK_MAX)
+    _bound(jerk, 3, SPIN_JERK_MAX)
     for k in range(6):
         if abs(mean[k]) < STILL and abs(gain[k]) < STILL:
             gain[k] = 0.0
         speed[k] = mean[k] + 0.5 * gain[k] * dt_s
-    mean_of_filters(filters, own["off"], own["speed"], own["gain"])
+    mean_of_filters(filters, own["off"], own["speed"], own["gain"], own["jerk"])
     return Heard.TAKEN.value
 
 
@@ -248,8 +256,12 @@ def place_platform(track: Any, now_s: float) -> bool:
         vector[k] = way[3 + k]
     for k in range(6):
         moves = known and fresh
-        own["acceleration"][k] = own["gain"][k] if moves else 0.0
+        # Differences of differences, smoothed, are two steps late.
+        grown = own["jerk"][k] * (dt_s + 2.0 * own["step"])
+        own["acceleration"][k] = own["gain"][k] + grown if moves else 0.0
         own["velocity"][k] = own["speed"][k] + own["gain"][k] * dt_s if moves else 0.0
+    _bound(own["acceleration"], 0, ACCELERATION_MAX)
+    _bound(own["acceleration"], 3, SPIN_MAX)
     turned = np.empty((3, 3))
     _turned_into(vector, own["rotation"], turned)
     for i in range(3):

@@ -37,6 +37,7 @@ class ShakenTarget(MovingTarget):
         self.amplitude, self.frequency, self.began_s = amplitude, frequency, self._time
 
     def step(self, wrench: Any, dt_s: float) -> bool:
+        before = self.position.copy()
         changed = super().step(wrench, dt_s)
         if not self.amplitude:
             return changed
@@ -44,6 +45,7 @@ class ShakenTarget(MovingTarget):
         fade = min(0.5 * time * self.frequency, 1.0)
         at = self.amplitude * fade * np.sin(2.0 * np.pi * self.frequency * time)
         self.position[0] = self._start[0] + self.offset[0] + at
+        self.twist[:3] = (self.position - before) / dt_s
         return True
 
 

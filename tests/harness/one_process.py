@@ -35,6 +35,7 @@ class MovingTarget:
         self.offset = np.zeros(6)
         self._time = self._began = 0.0
         self._duration = 1.0
+        self.twist = np.zeros(6)
 
     def move(self, to, duration):
         """Begin a move to an offset (6,): [m], rotation vector [rad]."""
@@ -44,12 +45,15 @@ class MovingTarget:
     def step(self, wrench, dt_s):
         del wrench
         self._time += dt_s
+        before, turned = self.position.copy(), self.rotation.copy()
         way = quintic((self._time - self._began) / self._duration)
         offset = self._from + way * (self._to - self._from)
         changed = not np.array_equal(offset, self.offset)
         self.offset = offset
         self.position[:] = self._start + offset[:3]
         self.rotation[:] = Rotation.from_rotvec(offset[3:]).as_matrix() @ self._rotation
+        self.twist[:3] = (self.position - before) / dt_s
+        self.twist[3:] = Rotation.from_matrix(self.rotation @ turned.T).as_rotvec() / dt_s
         return changed
 
 

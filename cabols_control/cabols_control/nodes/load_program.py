@@ -241,12 +241,13 @@ class LoadProgramNode(ControlNode):
         self.get_logger().info(f"programme {program.name}: {program.duration:g} s")
 
     def _finish(self, verdict: str, code: ResultCode) -> None:
+        if self._taught is not None and code == ResultCode.DONE:
+            # Before anybody hears of the end: the next run may begin at once, and aims by it.
+            self._taught.finish()
         self._running, self._verdict, self.done = None, verdict, True
         self._frame, self._placed = self._frames.names[0], None
         self._code = code
         self.get_logger().info(verdict or "programme done")
-        if self._taught is not None and code == ResultCode.DONE:
-            self._taught.finish()
 
     def _publish(self, stamp_ns: int) -> None:
         program, time_s = self._running, self._now_s - self._began_s

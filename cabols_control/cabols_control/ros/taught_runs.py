@@ -30,6 +30,7 @@ class TaughtRuns:
         poses = topics.pose_layout(node.rig.geometry)
         self._pose = Input(node, live_name("platform_pose"), poses)
         self._count = 0
+        read_pose(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))  # compile now
 
     def apply(
         self,

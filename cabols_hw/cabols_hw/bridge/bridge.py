@@ -43,8 +43,8 @@ class Bridge:
         zeroed: (n,) bool.
         zeroing: (1,) number of the pre-tightening that the zeros are of; 0: of none.
         followed_mode: (1,) number of the mode in which the newest sample was taken.
-        wrench: (6,) on the platform, at its origin, platform axes, without the weight of the tool
-            in the platform's present orientation [N, N m].
+        wrench: (6,) on the platform, at its origin, platform axes, without weight and inertia of
+            the tool in the platform's present orientation and motion [N, N m].
         load: (6,) whole load of the sensor, at its origin, sensor axes [N, N m].
         tared: whether the sensor's bias is known.
         sensor_tare: which bias is in force, and why none is.
@@ -110,7 +110,8 @@ class Bridge:
         self.cable_speed, self.cable_acceleration = np.zeros(n), np.zeros(n)
         # Poses come in another thread than samples: they wait here for the next sample.
         self._poses: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=WAITING_POSES)
-        self._tool = (card.tool_mass, self._centre_of_mass)
+        self._carried = np.zeros(6)
+        self._tool = (card.tool_mass, self._centre_of_mass, self._carried)
         self.set_pose(rig.geometry.reference_position, rig.geometry.reference_rotation)
 
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
@@ -129,8 +130,9 @@ class Bridge:
         structure_matrix_into(self._cables, position, rotation, structure)
         self.structure = structure
         self.rotation = rotation
-        tool_weight_into(*self._tool, rotation, weight)
+        tool_weight_into(*self._tool[:2], rotation, weight)
         self._weight = weight
+        self._carried[:] = weight
         self.cable_speed[:] = self.cable_acceleration[:] = 0.0
         self._poses.clear()
         self._track = pose_track(position, rotation, control.pose_lag, control.pose_horizon)
@@ -270,7 +272,7 @@ class Bridge:
         if self.sensor_tare.measuring or self.sensor_tare.provisional:
             self._tare_sample(sample, weight)
         self._gauge, self._axis = loaded_wrench_into(
-            self._sensor, sample.analog, weight, self.load, self.wrench
+            self._sensor, sample.analog, self._carried, self.load, self.wrench
         )
 
     def _follow(self, mode: OperatingMode, zeroing: int) -> None:

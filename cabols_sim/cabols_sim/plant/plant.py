@@ -12,6 +12,7 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.rig import Rig
 from cabols_hw.bridge.scaling import quantise
 from cabols_hw.card.config import ENCODER_MODULUS, CardConfig
+from cabols_hw.force_torque.ati import STANDARD_GRAVITY
 from cabols_sim.faults import PlantFaults
 from cabols_sim.plant.config import PlantConfig
 from cabols_sim.plant.limb_physics import LIMB_STATE, advance_limbs, cable_wrench
@@ -71,17 +72,31 @@ def _sense_limbs(
 
 @njit(cache=True)
 def _sense_wrench(
-    sensors: Any, wrench: FloatArray, rotation: FloatArray, noise: FloatArray, volts: FloatArray
+    sensors: Any,
+    wrench: FloatArray,
+    pose: tuple[FloatArray, FloatArray],
+    noise: FloatArray,
+    volts: FloatArray,
 ) -> None:
-    """Gauge voltages (6,) of the cables' wrench (6,), base axes, and of the tool's weight."""
+    """Gauge voltages (6,) of the cables' wrench (6,), base axes, and of the tool.
+
+    Args:
+        sensors: (1,) record of SENSORS.
+        wrench: (6,) of the cables, base axes [N, N m].
+        pose: (3, 3) rotation from platform to base axes; (3,) what the tool's inertia adds to its
+            weight, base axes [N].
+        noise: (6,) normal numbers.
+        volts: (6,), filled [V].
+    """
     own = sensors[0]
+    rotation, inertia = pose
     weight, centre, gauges, bias = own["weight"], own["centre"], own["gauges"], own["bias"]
     turned, pull = np.zeros(6), np.zeros(3)
     for axis in range(3):
         for k in range(3):
-            turned[axis] += rotation[k, axis] * (wrench[k] + weight[k])
+            turned[axis] += rotation[k, axis] * (wrench[k] + weight[k] + inertia[k])
             turned[3 + axis] += rotation[k, axis] * wrench[3 + k]
-            pull[axis] += rotation[k, axis] * weight[k]
+            pull[axis] += rotation[k, axis] * (weight[k] + inertia[k])
     turned[3] += centre[1] * pull[2] - centre[2] * pull[1]
     turned[4] += centre[2] * pull[0] - centre[0] * pull[2]
     turned[5] += centre[0] * pull[1] - centre[1] * pull[0]
@@ -157,6 +172,7 @@ class Plant:
         self._torn = np.zeros(n, dtype=np.bool_)
         self._time = 0.0
         self.target: Target = target if target is not None else RigidTarget(rig.geometry)
+        self._twist, self._inertia, self._moving = np.zeros(6), np.zeros(3), False
         self._place()
         slack = config.limbs.initial_slack + config.limbs.slack_spread * self._random.random(n)
         self._rest = self._length + slack
@@ -210,12 +226,29 @@ class Plant:
             self._tear()
         cable_wrench(self._matrix, self.tension, self.wrench)
         moved = self.target.step(self.wrench, duration_s)
+        self._feel_motion(duration_s)
         rigid = isinstance(self.target, RigidTarget)
         if rigid and self.faults.any and self.faults.has("platform_runs"):
             self.target.position[0] += self.faults.value("platform_runs") * duration_s
             moved = True
         if moved:
             self._place()
+
+    def _feel_motion(self, dt_s: float) -> None:
+        """Set what the tool's inertia adds to its weight, by the target's motion in a step [s]."""
+        twist = getattr(self.target, "twist", None)
+        if twist is None:
+            return
+        if not (self._moving or twist.any()):
+            self._inertia[:] = 0.0
+            return
+        change = (twist - self._twist) / dt_s
+        self._moving, self._twist = bool(twist.any()), twist.copy()
+        centre = self.target.rotation @ self._sensors["centre"][0]
+        spin = twist[3:]
+        mass = -self._sensors["weight"][0, 2] / STANDARD_GRAVITY
+        turning = np.cross(change[3:], centre) + np.cross(spin, np.cross(spin, centre))
+        self._inertia[:] = -mass * (change[:3] + turning)
 
     def inject(self, kind: str, limb: int = -1, value: float = 0.0, duration_s: float = 0.0) -> str:
         """Cause a fault from now on, or mend all; see PlantFaults.inject.
@@ -267,7 +300,8 @@ class Plant:
         lines = np.empty(n, dtype=np.bool_)
         self._random.standard_normal(out=self._noise)
         _sense_limbs(self._sensors, self._state, self.tension, self._closed, counts, lines)
-        _sense_wrench(self._sensors, self.wrench, self.target.rotation, self._noise, volts)
+        pose = (self.target.rotation, self._inertia)
+        _sense_wrench(self._sensors, self.wrench, pose, self._noise, volts)
         if self.faults.any:
             args = (self._time, card.counts_per_metre, counts, volts, lines)
             self.faults.distort_senses(*args, card.switch_active_low)

@@ -11,7 +11,11 @@ from cabols_control.geometry import RigGeometry
 
 
 class Target(Protocol):
-    """Holds the platform; deflects under the cables' wrench, or moves."""
+    """Holds the platform; deflects under the cables' wrench, or moves.
+
+    One that moves by itself says how fast: `twist`, (6,) of the platform's origin without what the
+    wrench does [m/s], [rad/s], base axes. The tool's inertia goes by its changes.
+    """
 
     position: FloatArray
     """(3,) of the platform's origin, base frame [m]."""

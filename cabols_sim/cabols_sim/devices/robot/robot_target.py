@@ -130,6 +130,13 @@ class RobotTarget:
             return 0.0
         return float(np.linalg.norm(self.jacobian[:3] @ self.joint_speed))
 
+    @property
+    def twist(self) -> FloatArray:
+        """(6,) velocity by the joints' motion, without deflections [m/s], [rad/s], base axes."""
+        if self._motion is None:
+            return np.zeros(6)
+        return np.asarray(self.jacobian @ self.joint_speed)
+
     def move_to(self, goal: int | FloatArray, speed_scale: float = 1.0, speed: float = 0.0) -> bool:
         """Begin a motion from where it stands.
 
