@@ -32,11 +32,12 @@ def configuration_texts(
         parameters: values by name, by node, as the running nodes answered.
 
     Returns:
-        Texts by key: `rig`; of every file of the rig, or of the file that a node's parameter puts
-        in its place, `NAME_file`, `NAME_yaml` (or urdf, cal) and `NAME_sha256`; each node's
-        parameters; the method of tension distribution where a parameter names one.
+        Texts by key: `rig`; `configuration`, the fingerprint that /diagnostics has; of every file
+        of the rig, or of the file that a node's parameter puts in its place, `NAME_file`,
+        `NAME_yaml` (or urdf, cal) and `NAME_sha256`; each node's parameters; the method of tension
+        distribution where a parameter names one.
     """
-    found = {"rig": folder.name}
+    found = {"rig": folder.name, "configuration": folder.fingerprint}
     for file in FILES:
         if folder.has(file.name):
             found |= _file_texts(Path(file.name).stem, folder.path / file.name)

@@ -19,6 +19,7 @@ from cabols_control.console.access import COOKIE, AccessPolicy, Lease, Request, 
 from cabols_control.console.dispatcher import ALIVE_S, Answer, Dispatcher, Settings
 from cabols_control.console.latest import EVENTS, FAULT, INFO, LatestValues
 from cabols_control.console.middleware import AccessMiddleware
+from cabols_control.console.panels.live_view import health_html
 from cabols_control.console.preview import preview_svg
 from cabols_control.console.reports import finished, report_file
 from cabols_control.console.uploads import (
@@ -53,6 +54,7 @@ from cabols_control.load_programs.feasibility import check_program
 from cabols_control.load_programs.programs import BUILT_IN, load_program
 from cabols_control.ros import topics
 from cabols_control.supervision.faults import FaultName
+from cabols_control.supervision.held_load import held_text
 from cabols_control.supervision.modes import MOVING, NEXT, ModeMachine, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
@@ -464,6 +466,40 @@ def test_mode_view_offers_what_the_machine_allows(mode):
     assert set(shown["next"]) <= {int(m) for m in NEXT[mode]}
     assert shown["name"] == mode.name
     assert mode_view(None, "")["next"] == []
+
+
+@pytest.mark.parametrize("mode", [OperatingMode.STOPPED, OperatingMode.FAULT])
+def test_page_says_what_load_remains_where_nothing_moves(mode):
+    """After an emergency stop under 60 N, and after its reset, "Stopped" alone is not the truth."""
+    zeroed, closed = np.ones(8, dtype=bool), np.ones(8, dtype=bool)
+    tension = np.array([60.0, 20.0, 5.0, 3.0, 1.0, 1.0, 8.0, 9.0])
+    held = held_text(tension, zeroed, closed, 47.0)
+    shown = mode_view(int(mode), "reset", held)
+    assert shown["text"].endswith("under load")
+    for said in ("limbs 1 and 2 pull", "about 60 N", "the sensor shows about 45 N", "reset"):
+        assert said in shown["reason"]
+    assert mode_view(int(OperatingMode.LOADING), "", held)["text"] == "Loading"
+
+
+@pytest.mark.parametrize(
+    ("tension", "zeroed", "closed", "said"),
+    [
+        (4.0, True, False, ""),
+        (np.nan, False, False, ""),
+        (np.nan, False, True, "how much is not known"),
+        (30.0, True, True, "about 30 N"),
+    ],
+)
+def test_held_load_is_what_zeros_and_switches_show(tension, zeroed, closed, said):
+    text = held_text(*(np.full(8, value) for value in (tension, zeroed, closed)), np.nan)
+    assert said in text
+    assert bool(text) == bool(said)
+    assert "sensor" not in text, "a wrench that is not known is not told"
+
+
+def test_page_shows_with_which_configuration_the_rig_was_started():
+    assert "bench, configuration 0123456789ab" in health_html("bench, configuration 0123456789ab")
+    assert "<b>" not in health_html("<b>")
 
 
 def report(node, state, reason, heard_s=100.0, fault=None):

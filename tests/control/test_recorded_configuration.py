@@ -24,6 +24,7 @@ def test_every_file_of_the_rig_is_there_with_its_hash():
         assert texts[f"{key}_file"] == file.name
         assert texts[f"{key}_sha256"] == sha256(content.encode()).hexdigest()
     assert texts["rig"] == "bench"
+    assert texts["configuration"] == RIG.fingerprint
 
 
 def test_a_file_that_a_node_names_stands_in_the_rigs_place(tmp_path):

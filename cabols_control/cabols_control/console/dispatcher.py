@@ -91,6 +91,7 @@ class Settings:
         configurations: number of the robot's stored configurations.
         scene: what the 3-D view draws, for the page's script.
         cables: number of limbs.
+        rig: its name and its configuration's fingerprint, as in /diagnostics.
     """
 
     title: str
@@ -99,6 +100,7 @@ class Settings:
     configurations: int
     scene: dict[str, Any]
     cables: int
+    rig: str = ""
 
 
 class Dispatcher:

@@ -71,7 +71,8 @@ class _Page:
                 ui.html(log_html(), sanitize=False).classes("card")
             with ui.element("div").classes("column"):
                 ui.html(wrench_html(), sanitize=False).classes("card")
-                ui.html(health_html(), sanitize=False).classes("card")
+                health = health_html(self._dispatcher.settings.rig)
+                ui.html(health, sanitize=False).classes("card")
         ui.timer(REFRESH_S, self._refresh)
 
     def _header(self) -> None:

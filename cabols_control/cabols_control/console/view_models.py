@@ -96,8 +96,14 @@ def first_report(
     return LoopReport(node, state, reason, 0, 0, 0, 0, none, none, now_s, now_s, math.nan, fault)
 
 
-def mode_view(mode: int | None, reason: str) -> dict[str, Any]:
-    """Return the mode in words, and the modes that an operator may request."""
+def mode_view(mode: int | None, reason: str, held: str = "") -> dict[str, Any]:
+    """Return the mode in words, and the modes that an operator may request.
+
+    Args:
+        mode: its number; None: nobody tells it.
+        reason: why it was entered.
+        held: what load the gears hold; said first where nothing moves.
+    """
     if mode is None:
         return {
             "number": -1,
@@ -109,11 +115,12 @@ def mode_view(mode: int | None, reason: str) -> dict[str, Any]:
         }
     present = OperatingMode(mode)
     following = [m for m in OPERATOR_MODES if m in NEXT[present]]
+    held = "" if present in MOVING else held
     return {
         "number": int(present),
         "name": present.name,
-        "text": MODE_TEXT[present],
-        "reason": reason,
+        "text": f"{MODE_TEXT[present]}, under load" if held else MODE_TEXT[present],
+        "reason": f"{held} ({reason})" if held and reason else held or reason,
         "moving": present in MOVING,
         "next": [int(m) for m in following],
     }

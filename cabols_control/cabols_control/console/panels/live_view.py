@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
+
 from cabols_control.naming import number
 
 
@@ -64,8 +66,12 @@ def wrench_html() -> str:
     )
 
 
-def health_html() -> str:
-    """Devices and loops."""
+def health_html(rig: str) -> str:
+    """Devices, loops, and with which configuration they were started.
+
+    Args:
+        rig: name and fingerprint; an operator compares it with the bag's and the other nodes'.
+    """
     return (
         '<h2>Devices</h2><table class="data small" aria-label="Devices">'
         '<tbody id="devices"></tbody></table>'
@@ -75,6 +81,7 @@ def health_html() -> str:
         '<th scope="col" style="text-align:right">late %</th>'
         '<th scope="col" style="text-align:right">trip ms</th></tr></thead>'
         '<tbody id="loops"></tbody></table>'
+        f'<p id="rig" class="why">Rig {escape(rig)}</p>'
     )
 
 

@@ -38,6 +38,7 @@ from cabols_control.ros.reader import Reader
 from cabols_control.ros.sessions import ModeFilter
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import fault_name
+from cabols_control.supervision.held_load import held_text
 from cabols_control.supervision.modes import Cause, Entry, OperatingMode
 
 STALE_S = 0.5
@@ -187,7 +188,7 @@ class Feed:
             if entry.cause == Cause.UNATTENDED:
                 level = WARNING
             self._latest.tell(level, "supervisor", f"mode {mode.name}: {entry.reason}")
-            self._latest.put_state(mode=mode_view(int(mode), entry.reason))
+            self._tell_mode()
 
     def _hear_status(self, message: LoopStatus) -> None:
         now_s = time.monotonic()
@@ -261,11 +262,24 @@ class Feed:
                 level = FAULT if message.level > LOUD else WARNING
                 self._latest.tell(level, message.name.rpartition(".")[2], message.msg)
 
+    def _tell_mode(self) -> None:
+        """Tell the mode, and what load remains where nothing moves: also of a silent bridge."""
+        if self._mode is None:
+            self._latest.put_state(mode=mode_view(None, ""))
+            return
+        held = ""
+        state, wrench = self._state.record, self._wrench.record
+        if state is not None:
+            force = np.nan if wrench is None else float(np.linalg.norm(wrench["wrench"][:3]))
+            flags = (state[name].astype(np.bool_) for name in ("zeroed", "switch_closed"))
+            held = held_text(state["tension"], *flags, force)
+        self._latest.put_state(mode=mode_view(int(self._mode.mode), self._mode.reason, held))
+
     def _tell_health(self) -> None:
         now_s = time.monotonic()
         if self._mode is None or now_s - self._mode_s > 2.0 * STALE_S:
             self._mode = None
-            self._latest.put_state(mode=mode_view(None, ""))
+        self._tell_mode()
         self._latest.put_state(
             loops=loop_rows(self._reports, now_s),
             devices=device_rows(self._reports, self._beam, now_s),
