@@ -34,8 +34,8 @@ def plain_array(value: ArrayLike) -> FloatArray:
     return array if flags.writeable and flags.aligned else array.copy()
 
 
-def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return value as a C-contiguous, writable float array of the given shape.
+def shaped_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return value as a C-contiguous, writable float array of the given shape, finite or not.
 
     It is the caller's own array where that is one already, else a copy: compiled code takes one
     kind of array, and another would start the compiler or be refused.
@@ -46,7 +46,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         shape: expected shape; None stands for any length.
 
     Raises:
-        ShapeError: if it is not numeric, not of that shape or not finite.
+        ShapeError: if it is not numeric or not of that shape.
     """
     expected = "(" + ", ".join("n" if size is None else str(size) for size in shape) + ")"
     try:
@@ -63,11 +63,43 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         )
         hint = "; transpose?" if turned else ""
         raise ShapeError(f"{name}: expected shape {expected}, got {array.shape}{hint}")
+    return array
+
+
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return `shaped_array` of finite numbers.
+
+    Args:
+        name: what the caller calls it, for the message.
+        value: array-like of numbers.
+        shape: expected shape; None stands for any length.
+
+    Raises:
+        ShapeError: if it is not numeric, not of that shape or not finite.
+    """
+    array = shaped_array(name, value, shape)
     if not np.isfinite(array).all():
         where = np.argwhere(~np.isfinite(array))[0]
         index = ", ".join(str(int(i)) for i in where)
         raise ShapeError(f"{name}: expected finite numbers, got {array[tuple(where)]} at [{index}]")
     return array
+
+
+def one_or_each(name: str, value: ArrayLike, count: int) -> FloatArray:
+    """Return a number as (count,) equal ones, and (count,) numbers as they are.
+
+    Args:
+        name: what the caller calls it, for the message.
+        value: a number, or one for each.
+        count: how many.
+
+    Raises:
+        ShapeError: if it is neither, or not finite.
+    """
+    # Not broadcast first: that forgets the mask of a masked array.
+    if np.ndim(value) > 0:
+        return finite_array(name, value, (count,))
+    return np.full(count, finite_array(name, np.ma.asarray(value)[None], (1,))[0])
 
 
 def unit_rows(name: str, value: ArrayLike, rows: int) -> FloatArray:

@@ -16,7 +16,14 @@ from cabols_control.cable_kernels import (
     cable_records,
     structure_matrix_unchecked,
 )
-from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix, unit_rows
+from cabols_control.checks import (
+    FloatArray,
+    finite_array,
+    in_range,
+    one_or_each,
+    rotation_matrix,
+    unit_rows,
+)
 from cabols_control.configuration import STRICT, load_config
 from cabols_control.errors import ConfigError, DegenerateGeometryError, OutOfRangeError, ShapeError
 from cabols_control.motion import FLAT, Motion, motion_of
@@ -92,13 +99,11 @@ class RigGeometry:
     def _set_pulleys(self) -> None:
         """Check radii and axes; a rig without pulleys has zeros and no axes."""
         set_field, n = object.__setattr__, self.cables
-        given = np.asarray(self.pulley_radius)
-        if given.size and not given.any():
-            set_field(self, "pulley_radius", np.zeros(n))
+        radius = one_or_each("pulley_radius", self.pulley_radius, n).copy()
+        if not radius.any():
+            set_field(self, "pulley_radius", radius)
             set_field(self, "pulley_axes", None)
             return
-        radius = np.full(n, float(given)) if given.ndim == 0 else given
-        radius = _own("pulley_radius", radius, (n,))
         for each in radius:
             in_range("pulley_radius", each, 0.0, PULLEY_MAX_M)
         set_field(self, "pulley_radius", radius)

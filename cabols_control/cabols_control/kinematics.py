@@ -90,8 +90,9 @@ def direction_gradients(
     Raises:
         ShapeError: as structure_matrix.
     """
-    directions = structure_matrix(geometry, position, rotation)[:3].T
-    held = np.asarray(position) + geometry.platform_points @ np.asarray(rotation).T
+    place, turn = finite_array("position", position, (3,)), rotation_matrix("rotation", rotation)
+    directions = structure_matrix(geometry, place, turn)[:3].T
+    held = place + geometry.platform_points @ turn.T
     found = np.empty((geometry.cables, 3, 3))
     for i, cable in enumerate(geometry.records()):
         away, u = held[i] - geometry.base_points[i], directions[i]

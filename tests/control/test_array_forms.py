@@ -10,9 +10,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cabols_control.calibration.model import Readings
 from cabols_control.errors import ShapeError
+from cabols_control.forward_kinematics import PoseFinder, PoseRegion
+from cabols_control.forward_kinematics.pose import stretched_lengths
 from cabols_control.geometry import RigGeometry, load_geometry
-from cabols_control.kinematics import cable_lengths, structure_matrix
+from cabols_control.kinematics import cable_lengths, direction_gradients, structure_matrix
 from cabols_control.limb import identify_limb
 from cabols_control.realtime.kernel_signatures import compiled_since, specialisations
 from cabols_control.registration.reflectors import RegistrationError, register_pose
@@ -22,6 +25,12 @@ from cabols_control.workspace.capacity import (
     available_wrenches,
     capacity_along,
     capacity_of_matrices,
+)
+from cabols_control.workspace.elastic import (
+    limb_stiffness,
+    platform_stiffness,
+    tension_stiffness,
+    yield_under,
 )
 from cabols_control.workspace.interference import clearance_along
 from cabols_control.workspace.surface import level_surface
@@ -65,6 +74,20 @@ POINTS = (np.array(BENCH.base_points), np.array(BENCH.platform_points))
 REFLECTORS = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
 SECONDS = np.linspace(0.0, 1.0, 101)
 WOUND = 0.02 * (SECONDS - 0.05 * (1.0 - np.exp(-SECONDS / 0.05)))
+
+PULLS, SPRINGS = np.full(8, 30.0), np.full(8, 2200.0)
+RADIUS, SWIVELS = np.full(8, 0.04), np.repeat([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], 4, axis=0)
+
+
+def over(radius, axes):
+    points = (BENCH.base_points, BENCH.platform_points, BENCH.reference_position, EYE)
+    return RigGeometry(*points, pulley_radius=radius, pulley_axes=axes)
+
+
+PULLEYS = over(RADIUS, SWIVELS)
+LENGTHS = cable_lengths(PULLEYS, POSITION, EYE)
+REGION = PoseRegion(BENCH.reference_position, BENCH.reference_rotation, np.full(3, 0.3), 0.3)
+FINDER = PoseFinder(PULLEYS, 1e-4, REGION)
 
 ENTRIES = {
     "register_pose": (
@@ -119,6 +142,46 @@ ENTRIES = {
     "wrench_box": (lambda *words: wrench_box(*words).vertices(), (BOX, WRENCH, WRENCH)),
     "wrench_polytope": (lambda p: wrench_polytope(p).vertices(), (MANY[2],)),
     "wrench_zonotope": (lambda *words: wrench_zonotope(*words).vertices(), (MANY[2], WRENCH)),
+    "pulleys": (
+        lambda radius, axes: cable_lengths(over(radius, axes), POSITION, EYE),
+        (RADIUS, SWIVELS),
+    ),
+    "direction_gradients": (
+        lambda *words: direction_gradients(PULLEYS, *words),
+        (POSITION, EYE),
+    ),
+    "PoseFinder.find": (lambda lengths: FINDER.find(lengths).position, (LENGTHS,)),
+    "PoseFinder": (
+        lambda std: PoseFinder(PULLEYS, std, REGION).find(LENGTHS).position,
+        (np.full(8, 1e-4),),
+    ),
+    "PoseRegion": (
+        lambda *words: PoseFinder(PULLEYS, 1e-4, PoseRegion(*words, 0.3)).find(LENGTHS).position,
+        (np.array(BENCH.reference_position), EYE, np.full(3, 0.3)),
+    ),
+    "stretched_lengths": (
+        lambda *words: np.concatenate(stretched_lengths(*words)),
+        (LENGTHS, PULLS, SPRINGS, np.full(8, 1e-4), np.full(8, 0.1)),
+    ),
+    "tension_stiffness": (
+        lambda *words: tension_stiffness(PULLEYS, *words),
+        (POSITION, EYE, PULLS),
+    ),
+    "platform_stiffness": (
+        lambda p, r, pulls, springs, target: platform_stiffness(
+            PULLEYS, p, r, pulls, springs, 1e4, target
+        ),
+        (POSITION, EYE, PULLS, SPRINGS, 1e3 * np.eye(6)),
+    ),
+    "limb_stiffness": (lambda *words: limb_stiffness(words[0], 1e4, words[1]), (SPRINGS, LENGTHS)),
+    "yield_under": (
+        lambda stiffness, loads: np.array(yield_under(stiffness, loads, range(6), 0.15).moved),
+        (1e3 * np.eye(6), MANY[2]),
+    ),
+    "Readings": (
+        lambda *words: Readings(*words, 7.0).wrench,
+        (*MANY[:2], np.tile(LENGTHS, (3, 1)), MANY[2]),
+    ),
     "level_surface": (
         lambda *words: np.array(level_surface(*words).volume),
         (AXIS, AXIS, AXIS, LEVEL),
@@ -205,6 +268,14 @@ def test_what_is_no_number_is_refused(entry, form):
     call, arguments = ENTRIES[entry]
     with pytest.raises(ShapeError, match="expected"):
         call(*[NO_NUMBERS[form](argument) for argument in arguments])
+
+
+@pytest.mark.parametrize("entry", [name for name in ENTRIES if name not in QUICK])
+def test_a_mask_in_one_argument_alone_is_refused(entry):
+    call, arguments = ENTRIES[entry]
+    for k in range(len(arguments)):
+        with pytest.raises(ShapeError, match="expected"):
+            call(*[masked(each) if i == k else each for i, each in enumerate(arguments)])
 
 
 @pytest.mark.parametrize("entry", ENTRIES)

@@ -155,3 +155,36 @@ def test_a_plan_is_poses_in_reach(monkeypatch, tmp_path, drawing, capsys):
 def test_either_a_plan_or_data(monkeypatch, tmp_path, table):
     assert call(monkeypatch, "--output", tmp_path / "x") == 2
     assert call(monkeypatch, table, "--plan", 3, "--output", tmp_path / "x") == 2
+
+
+ROW = [0.0, 1.2, 0.8, 0.0, 0.0, 0.0, 1.0, *[0.01 * k for k in range(8)], *[1.5] * 6]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (lambda head, row: (head, [*row[:-1], ""]), "whole wrench or none"),
+        (lambda head, row: (head, [*row, "7"]), "as many cells as columns"),
+        (lambda head, row: (head, row[:-1]), "as many cells as columns"),
+        (lambda head, row: ([*head, "x_m"], [*row, "1"]), "each column once"),
+        (lambda head, row: (head, ["1_0", *row[1:]]), "expected numbers"),
+        (lambda head, row: (head, ["nan", *row[1:]]), "expected numbers"),
+        (lambda head, row: (head, [*row[:3], "0.5", *row[4:]]), "unit quaternion"),
+    ],
+)
+def test_a_table_that_does_not_say_what_it_means_is_refused(tmp_path, wrong, said):
+    head, row = wrong(list(COLUMNS), [str(value) for value in ROW])
+    path = tmp_path / "readings.csv"
+    path.write_text(",".join(head) + "\n" + ",".join(row) + "\n", encoding="utf-8")
+    with pytest.raises(DataFileError, match=said):
+        read_readings(path, 8, 7.0)
+
+
+def test_a_table_of_a_spreadsheet_is_read(tmp_path):
+    path = tmp_path / "readings.csv"
+    row = [str(value) for value in ROW]
+    text = "\r\n".join([",".join(COLUMNS), ",".join(row), ",".join([*row[:-6], *[""] * 6]), ""])
+    path.write_text(text, encoding="utf-8-sig")
+    found = read_readings(path, 8, 7.0)
+    assert found.loaded.tolist() == [True, False]
+    assert found.let_out[1, 3] == 0.03

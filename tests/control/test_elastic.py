@@ -14,8 +14,15 @@ from scipy.spatial.transform import Rotation
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import cable_lengths, structure_matrix
+from cabols_control.rig_folder import rig_file
 from cabols_control.tension import distribute
-from cabols_control.workspace.elastic import limb_stiffness, platform_stiffness, yield_under
+from cabols_control.workspace.capacity import PlatformWeight
+from cabols_control.workspace.elastic import (
+    limb_stiffness,
+    platform_stiffness,
+    weight_stiffness,
+    yield_under,
+)
 from cabols_control.workspace.tool.command import main
 
 BENCH = load_geometry()
@@ -81,6 +88,70 @@ def test_a_load_moves_it_where_the_energy_is_least(name):
     found = yield_under(stiffness, load[None], SPATIAL, 0.15)
     assert found.moved == pytest.approx(np.linalg.norm(expected[:3]), rel=0.03)
     assert found.turned == pytest.approx(np.linalg.norm(expected[3:]), rel=0.03)
+
+
+def test_weight_below_the_origin_holds_it_upright_and_above_it_tips_it():
+    """Against the second derivative of the weight's energy."""
+    weight = PlatformWeight(200.0, (0.02, -0.03, -0.4))
+    rotation = pose(4)[1]
+    centre = rotation @ np.array(weight.centre_of_mass)
+
+    def energy(turn):
+        return weight.weight * float((Rotation.from_rotvec(turn).as_matrix() @ centre)[2])
+
+    h, axes = 1e-3, np.eye(3)
+    found = weight_stiffness(weight, rotation)
+    for i in range(3):
+        for j in range(3):
+            ends = [
+                energy(h * (a * axes[i] + b * axes[j])) * a * b for a in (1, -1) for b in (1, -1)
+            ]
+            assert found[3 + i, 3 + j] == pytest.approx(sum(ends) / (4.0 * h * h), abs=1e-3)
+    assert found[3, 3] > 0.0
+    assert not found[:3].any()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_carried_weight_counts_beside_the_tensions(seed):
+    geometry, (position, rotation) = BENCH, pose(seed)
+    words = (geometry, position, rotation, np.full(8, 40.0), K_E, AXIAL_N)
+    heavy = PlatformWeight(150.0, (0.0, 0.0, -0.2))
+    more = platform_stiffness(*words, platform=heavy) - platform_stiffness(*words)
+    np.testing.assert_allclose(more, weight_stiffness(heavy, rotation), atol=1e-9)
+
+
+def rows_of(folder):
+    return list(csv.DictReader((folder / "stiffness.csv").read_text().splitlines()))
+
+
+def test_poses_beyond_the_cables_lengths_are_out_of_reach_in_the_map_too(tmp_path):
+    text = rig_file("geometry.yaml").read_text(encoding="utf-8")
+    robot = tmp_path / "short.yaml"
+    limits = "cable_length_max: 1.5\ntension_min: 1.0\ntension_max: 150.0\n"
+    robot.write_text(text + limits, encoding="utf-8")
+    words = ["--counts", "3", "3", "3", "--half-widths", "0.3", "0.3", "0.3", "--spring", "2200"]
+    words = ["stiffness", "--geometry", str(robot), *words, "--output", str(tmp_path / "out")]
+    assert main(words) == 0
+    rows = rows_of(tmp_path / "out")
+    longest = [
+        cable_lengths(BENCH, [float(row[f"{axis}_m"]) for axis in "xyz"], np.eye(3)).max()
+        for row in rows
+    ]
+    far = np.array(longest) > 1.5
+    assert 0 < far.sum() < 27
+    assert (np.isinf([float(row["moved_mm"]) for row in rows]) == far).all()
+
+
+def test_loads_in_platform_axes_turn_with_it(tmp_path):
+    loads = tmp_path / "loads.csv"
+    loads.write_text("50,0,0,0,0,0\n", encoding="utf-8")
+    common = ["stiffness", "--counts", "1", "1", "1", "--tilt", "20", "--wrenches", str(loads)]
+    found = {}
+    for name, more in (("base", []), ("platform", ["--platform-axes"])):
+        assert main([*common, *more, "--output", str(tmp_path / name)]) == 0
+        found[name] = np.array([float(row["moved_mm"]) for row in rows_of(tmp_path / name)])
+    assert found["base"][0] == found["platform"][0]
+    assert np.abs(found["base"] - found["platform"]).max() > 0.1
 
 
 def test_a_target_that_holds_and_a_pose_that_does_not():

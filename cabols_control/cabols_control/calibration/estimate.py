@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
-from cabols_control.errors import CabolsError
+from cabols_control.errors import CabolsError, ShapeError
 
 from .model import Noise, Readings, courses, derivatives, noise_covariances, predicted
 from .parameters import Layout
@@ -78,9 +78,15 @@ def calibrate(layout: Layout, readings: Readings, noise: Noise) -> Calibration:
         noise: of what is read.
 
     Raises:
+        ShapeError: if the readings are none, or of another number of cables.
         CabolsError: if the iteration does not settle: the readings are not of this rig.
     """
     n, scale = layout.cables, np.where(layout.spread > 0.0, layout.spread, 1.0)
+    if not (len(readings.position) and readings.let_out.shape[1] == n):
+        raise ShapeError(
+            f"readings: expected at least one, with lengths of {n} cables, got shape "
+            f"{readings.let_out.shape}"
+        )
     shift = np.zeros(layout.start.size)
     read = np.hstack([readings.let_out, np.nan_to_num(readings.wrench)])
     loaded = readings.loaded

@@ -7,17 +7,29 @@ limb's elongation; tension is stiffness times elongation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_control.checks import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite_array,
+    in_range,
+    shaped_array,
+)
+from cabols_control.errors import ShapeError
+from cabols_control.naming import number
 
 from .parameters import Layout
 
 STEP = 1e-4
 """Step of the central differences, in standard deviations beforehand."""
+LEAST_STD, LARGEST_STD = 1e-12, 1e6
+"""Bounds of a standard deviation, in its unit."""
+MOST_TENSION_N = 1e6
 POSE_STEP = 1e-6
 """Step of the differences by the pose [m, rad]."""
 
@@ -40,6 +52,33 @@ class Readings:
     let_out: FloatArray
     wrench: FloatArray
     tension: float
+
+    def __post_init__(self) -> None:
+        """Check shapes; a row has a whole wrench or none.
+
+        Raises:
+            ShapeError: if an array has another shape, is not finite, or a turn is no rotation.
+            OutOfRangeError: if the tension is not positive.
+        """
+        keep = object.__setattr__
+        keep(self, "position", finite_array("position", self.position, (None, 3)))
+        rows = len(self.position)
+        turns = finite_array("rotation", self.rotation, (rows, 3, 3))
+        off = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3))
+        if not ((off < 1e-6).all() and (np.linalg.det(turns) > 0.0).all()):
+            raise ShapeError("rotation: expected rotation matrices, got others; normalise them")
+        keep(self, "rotation", turns)
+        keep(self, "let_out", finite_array("let_out", self.let_out, (rows, None)))
+        wrench = shaped_array("wrench", self.wrench, (rows, 6))
+        known = np.isfinite(wrench).sum(axis=1)
+        if not np.isin(known, (0, 6)).all():
+            row = int(np.argmax((known > 0) & (known < 6)))
+            raise ShapeError(
+                f"wrench, reading {number(row)}: expected six finite numbers or none, got "
+                f"{wrench[row]}"
+            )
+        keep(self, "wrench", wrench)
+        keep(self, "tension", in_range("tension", self.tension, 1e-9, MOST_TENSION_N))
 
     @property
     def loaded(self) -> BoolArray:
@@ -78,6 +117,15 @@ class Noise:
     rotation: float = 140e-6
     force: float = 0.05
     torque: float = 0.005
+
+    def __post_init__(self) -> None:
+        """Check that all are positive.
+
+        Raises:
+            OutOfRangeError: if one is not.
+        """
+        for each in fields(self):
+            in_range(each.name, getattr(self, each.name), LEAST_STD, LARGEST_STD)
 
 
 def courses(

@@ -15,7 +15,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
-from cabols_control.errors import ConfigError, DataFileError, ShapeError
+from cabols_control.errors import CabolsError, ConfigError, DataFileError
+from cabols_control.files.plain_numbers import plain_number
 from cabols_control.geometry import RigGeometry
 from cabols_control.naming import number
 from cabols_control.rig_folder import RigFolder
@@ -54,8 +55,12 @@ def read_readings(path: Path, cables: int, tension: float) -> Readings:
     lengths = length_columns(cables)
     wanted = [*POSE_COLUMNS, *lengths, *WRENCH_COLUMNS]
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
+            names = list(reader.fieldnames or [])
+            twice = [name for name in wanted if names.count(name) > 1]
+            if twice:
+                raise DataFileError(f"{path}: expected each column once, got {twice[0]} twice")
             missing = sorted(set(wanted) - set(reader.fieldnames or []))
             if missing:
                 raise DataFileError(
@@ -83,12 +88,14 @@ def read_readings(path: Path, cables: int, tension: float) -> Readings:
 
 def _numbers(path: Path, line: int, row: dict[str, str], wanted: list[str]) -> list[float]:
     """Numbers of one row; a wrench is whole or missing."""
-    cells = [(row[name] or "").strip() for name in wanted]
+    if None in row or None in row.values():
+        raise DataFileError(f"{path}, line {line}: expected as many cells as columns, got {row}")
+    cells = [row[name].strip() for name in wanted]
     wrench = cells[-6:]
     if any(wrench) and not all(wrench):
         raise DataFileError(f"{path}, line {line}: expected a whole wrench or none, got {wrench}")
     try:
-        numbers = [float(cell) if cell else float("nan") for cell in cells]
+        numbers = [plain_number(cell) if cell else float("nan") for cell in cells]
     except ValueError as error:
         raise DataFileError(f"{path}, line {line}: expected numbers, got {cells}") from error
     whole = numbers if all(wrench) else numbers[:-6]
@@ -131,7 +138,7 @@ def calibrated_geometry(geometry: RigGeometry, found: Calibration) -> RigGeometr
             pulley_radius=own["radius"],
             pulley_axes=geometry.pulley_axes,
         )
-    except ShapeError as error:
+    except CabolsError as error:
         raise ConfigError(f"calibration: {error}; are these this rig's readings?") from error
 
 

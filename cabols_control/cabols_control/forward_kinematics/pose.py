@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
+from cabols_control.checks import (
+    FloatArray,
+    finite_array,
+    in_range,
+    one_or_each,
+    rotation_matrix,
+)
 from cabols_control.errors import OutOfRangeError
 from cabols_control.geometry import RigGeometry
 
@@ -111,7 +117,7 @@ class PoseFinder:
         """
         n, directions = geometry.cables, geometry.motion.directions
         in_range("cables", n, geometry.motion.freedom, MOST_CABLES)
-        std = finite_array("length_std", np.broadcast_to(length_std, (n,)), (n,))
+        std = one_or_each("length_std", length_std, n)
         for value in std:
             in_range("length_std", value, LEAST_STD_M, LARGEST_STD_M)
         arms = _arms(geometry)
@@ -197,11 +203,11 @@ def stretched_lengths(
         OutOfRangeError: if a stiffness is not above zero.
     """
     free = finite_array("unstretched", unstretched, (None,))
-    n = free.shape
-    pull = finite_array("tension", tension, n)
-    spring = finite_array("stiffness", np.broadcast_to(stiffness, n), n)
-    if not spring.min() > 0.0:
+    n = free.size
+    pull = finite_array("tension", tension, (n,))
+    spring = one_or_each("stiffness", stiffness, n)
+    if not (spring > 0.0).all():
         raise OutOfRangeError("stiffness", float(spring.min()), 0.0, np.inf)
-    own = finite_array("unstretched_std", np.broadcast_to(unstretched_std, n), n)
-    pulled = finite_array("tension_std", np.broadcast_to(tension_std, n), n)
+    own = one_or_each("unstretched_std", unstretched_std, n)
+    pulled = one_or_each("tension_std", tension_std, n)
     return free + pull / spring, np.hypot(own, pulled / spring)

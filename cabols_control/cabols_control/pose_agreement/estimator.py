@@ -111,8 +111,10 @@ def rig_noise(frames: RigFrames) -> AgreementNoise:
             turn=0.02,
             nest=5e-4,
             robot=5e-4,
-            per_newton=1e-5,
-            per_newton_metre=1e-4,
+            robot_turn=5e-4,
+            per_newton=6e-6,
+            turn_per_newton=2e-5,
+            turn_per_newton_metre=3e-4,
         ),
     )
 

@@ -10,7 +10,8 @@ zeroed. A bumped tracker leaves nothing in the cables.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
@@ -21,7 +22,7 @@ from cabols_control.cable_kernels import cable_lengths_unchecked, structure_matr
 from cabols_control.checks import FloatArray
 from cabols_control.naming import limb_names
 
-STEP = 1e-5
+STEP = 1e-6
 """Of numerical differences [m], [rad]."""
 
 
@@ -57,21 +58,31 @@ class Frame:
 
     Attributes:
         residual: (6,) sensor's wrench less A tension, base axes, about the platform's origin.
-        covariance: (6, 6) of it where nothing is wrong.
         matrix: (6, n) structure matrix.
+        pulled: (6, n) structure matrix times k_e [N/m].
+        gain: (6, 6) pulled times the structure matrix' transpose: change of the residual by a pose.
         tension: (n,) k_e times elongation [N].
         wound: (n,) wound in since zeroing [m].
         rotation: (3, 3) of the platform by the robot.
         position: (3,) likewise [m].
+        wrench: (6,) of the cables on the platform by the sensor, base axes [N, N m].
+        travel: how far the pose may be off by the motion, standard deviation [m].
+        acceleration: of the platform, about [m/s^2].
+        covariance: (6, 6) of the residual where nothing is wrong; set once it is known.
     """
 
     residual: FloatArray
-    covariance: FloatArray
     matrix: FloatArray
+    pulled: FloatArray
+    gain: FloatArray
     tension: FloatArray
     wound: FloatArray
     rotation: FloatArray
     position: FloatArray
+    wrench: FloatArray
+    travel: float = 0.0
+    acceleration: float = 0.0
+    covariance: FloatArray = field(default_factory=lambda: np.eye(6))
 
 
 def suspects_of(cables: int) -> tuple[Suspect, ...]:
@@ -98,75 +109,81 @@ def unknowns(suspect: Suspect) -> int:
 
 
 def tool_residual(
-    frame: Frame, zero: Frame, stiffness: FloatArray, cables: Any, tool: FloatArray
+    frames: Sequence[Frame], zero: Frame, stiffness: FloatArray, cables: Any, tool: FloatArray
 ) -> FloatArray:
-    """(6,) residual that an error of the tool leaves.
+    """(6 k,) residuals that an error of the tool leaves at k moments, one below the other.
 
     Args:
-        frame: now.
+        frames: the moments.
         zero: when the limbs were zeroed: what was wrong then is in the zeros.
         stiffness: (n,) k_e [N/m].
         cables: (n,) records of CABLE.
         tool: (6,) error of position [m] and rotation vector [rad], platform axes.
     """
-    position, rotation = _behind(frame, tool)
-    at_zero = _behind(zero, tool)
-    longer = (
-        cable_lengths_unchecked(cables, frame.position, frame.rotation)
-        - cable_lengths_unchecked(cables, position, rotation)
-        - cable_lengths_unchecked(cables, zero.position, zero.rotation)
-        + cable_lengths_unchecked(cables, *at_zero)
-    )
-    wrench = structure_matrix_unchecked(cables, position, rotation) @ (
-        frame.tension - stiffness * longer
-    )
-    # The sensor's axes turn with the platform; the robot's orientation turns them back.
-    turn = frame.rotation @ rotation.T
-    seen = np.concatenate([turn @ wrench[:3], turn @ wrench[3:]])
-    return np.asarray(seen - frame.matrix @ frame.tension)
+    turn = np.ascontiguousarray(Rotation.from_rotvec(tool[3:]).as_matrix().T)
+    at_zero = _lengthened(zero, cables, tool, turn)[0]
+    seen = np.empty(6 * len(frames))
+    for i, frame in enumerate(frames):
+        longer, place, turned = _lengthened(frame, cables, tool, turn)
+        wrench = structure_matrix_unchecked(cables, place, turned) @ (
+            frame.tension - stiffness * (longer - at_zero)
+        )
+        # The sensor's axes turn with the platform; the robot's orientation turns them back.
+        back = frame.rotation @ turned.T
+        seen[6 * i : 6 * i + 3] = back @ wrench[:3]
+        seen[6 * i + 3 : 6 * i + 6] = back @ wrench[3:]
+        seen[6 * i : 6 * i + 6] -= frame.matrix @ frame.tension
+    return seen
 
 
-def _behind(frame: Frame, tool: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pose of the platform where the robot's has an error of the tool."""
-    turn = Rotation.from_rotvec(tool[3:]).as_matrix()
-    rotation = np.ascontiguousarray(frame.rotation @ turn.T)
-    return frame.position - rotation @ tool[:3], rotation
+def _lengthened(
+    frame: Frame, cables: Any, tool: FloatArray, turn: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """How much longer cables seem by the robot than they are, and where the platform is then."""
+    rotation = frame.rotation @ turn
+    position = frame.position - rotation @ tool[:3]
+    seems = cable_lengths_unchecked(cables, frame.position, frame.rotation)
+    return seems - cable_lengths_unchecked(cables, position, rotation), position, rotation
 
 
 def tool_columns(
-    frame: Frame, zero: Frame, stiffness: FloatArray, cables: Any, tool: FloatArray
+    frames: Sequence[Frame],
+    zero: Frame,
+    stiffness: FloatArray,
+    cables: Any,
+    tool: FloatArray,
+    seen: FloatArray,
 ) -> FloatArray:
-    """(6, 6) change of `tool_residual` for each unit of the tool's error, by differences.
+    """(6 k, 6) change of `tool_residual` for each unit of the tool's error, by differences.
 
     Args:
-        frame: now.
+        frames: the moments.
         zero: when the limbs were zeroed.
         stiffness: (n,) k_e [N/m].
         cables: (n,) records of CABLE.
         tool: (6,) error about which to differ.
+        seen: (6 k,) `tool_residual` of it.
     """
-    columns = []
-    for k in range(6):
-        ends = [
-            tool_residual(frame, zero, stiffness, cables, tool + sign * STEP * np.eye(6)[k])
-            for sign in (1.0, -1.0)
-        ]
-        columns.append((ends[0] - ends[1]) / (2.0 * STEP))
-    return np.column_stack(columns)
+    moved = (tool + STEP * unit for unit in np.eye(6))
+    ends = [tool_residual(frames, zero, stiffness, cables, each) for each in moved]
+    return (np.column_stack(ends) - seen[:, None]) / STEP
 
 
-def effect(suspect: Suspect, frame: Frame, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
+def effect(
+    suspect: Suspect, frame: Frame, stiffness: FloatArray, acts: bool = True
+) -> tuple[FloatArray, FloatArray]:
     """Residual that a suspect among the limbs would leave: a fixed part, a column per unknown.
 
     Args:
         suspect: one of `suspects_of`, not the robot's tool.
         frame: now.
         stiffness: (n,) k_e [N/m].
+        acts: whether it was wrong at that moment.
 
     Returns:
         (6,) and (6, p).
     """
-    pulled = frame.matrix * stiffness
+    pulled = frame.matrix * (stiffness if acts else np.zeros(len(stiffness)))
     if suspect.fault is Fault.SLIPPED_CABLE:
         return np.zeros(6), -pulled[:, list(suspect.limbs)]
     i, j = suspect.limbs

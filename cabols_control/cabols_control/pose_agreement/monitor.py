@@ -12,7 +12,7 @@ It observes: nothing here stops or moves anything. What acts on it must judge it
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -32,19 +32,28 @@ from .hypotheses import (
     tool_residual,
     unknowns,
 )
-from .noise import AgreementNoise
+from .noise import (
+    APART_M,
+    APART_N,
+    APART_RAD,
+    AgreementNoise,
+    Baseline,
+    joint_covariance,
+    nearest_to_predecessor,
+    turn_between,
+)
 from .tracker import Compared, Reading, TrackerAgreement
 
-NEVER = 1e-9
-"""Probability of what noise does not explain, of one sample."""
+NEVER = 1e-6
+"""Probability of what noise does not explain: of `samples` in a row, or one reading."""
 ODD_WRENCH = float(chi2.isf(NEVER, 6))
 """Square of a residual beyond that."""
 DOUBTFUL = 1e-6
 """Probability below which a suspect does not explain what was gathered."""
+AGAIN = 5
+"""Moments after which what is named by FRAMES is judged again."""
 FRAMES = 10
 """Moments that are gathered at most."""
-APART_M, APART_RAD = 2e-3, 0.01
-"""Motion between two of them."""
 TOOL_STD = np.array([0.1] * 3 + [0.2] * 3)
 """Of a wrong tool, standard deviations [m], [rad]: what is larger is no tool's error."""
 TOOL_STEPS = 3
@@ -103,10 +112,10 @@ class AgreementMonitor:
         self._prior = np.diag(np.repeat(np.square(robot_std), 3))
         self._suspects = suspects_of(geometry.cables)
         self._zero: Frame | None = None
-        self._before: list[Frame] = []
         self._frames: list[Frame] = []
         self._newest: Frame | None = None
-        self._in_doubt, self._most_turned = 0, 0.0
+        self._baseline = Baseline(self.noise, FRAMES)
+        self._in_doubt, self._gathered, self._most_turned = 0, 0, 0.0
         self._readings = TrackerAgreement(self.noise.tracker)
         self._tracker: tuple[Suspect, ...] = ()
         self._tracker_named = self._tracker_agreed = False
@@ -123,17 +132,10 @@ class AgreementMonitor:
         self._wound_at_zero = np.array(wound, dtype=np.float64)
         matrix = structure_matrix(self.geometry, position, rotation)
         still = np.zeros(len(wound))
-        self._zero = Frame(
-            residual=np.zeros(6),
-            covariance=np.eye(6),
-            matrix=matrix,
-            tension=still,
-            wound=still,
-            rotation=np.array(rotation),
-            position=np.array(position),
-        )
-        self._before, self._frames, self._most_turned = [], [], 0.0
-        self._in_doubt, self._judged = 0, (None, ())
+        self._zero = self._frame(matrix, still, still, position, rotation, np.zeros(6))
+        self._baseline = Baseline(self.noise, FRAMES)
+        self._frames, self._most_turned = [], 0.0
+        self._in_doubt, self._gathered, self._judged = 0, 0, (None, ())
         self._tracker, self._tracker_named, self._tracker_agreed = (), False, False
 
     def cables(
@@ -167,29 +169,58 @@ class AgreementMonitor:
         if self._zero is None or not np.isfinite(given).all():
             return None
         matrix = structure_matrix(self.geometry, position, rotation)
-        covariance = self.noise.covariance(
-            matrix, self.stiffness, tension, wrench, travel, acceleration
+        wound_since = np.asarray(wound) - self._wound_at_zero
+        frame = self._frame(
+            matrix, tension, wound_since, position, rotation, wrench, travel, acceleration
         )
-        frame = Frame(
-            wrench - matrix @ tension,
-            covariance,
-            matrix,
-            np.array(tension),
-            np.asarray(wound) - self._wound_at_zero,
-            np.array(rotation),
-            np.array(position),
-        )
+        frame = replace(frame, covariance=self.noise.shared(frame, frame) + self.noise.own(frame))
         self._newest = frame
-        odd = _square(frame.residual, covariance) > ODD_WRENCH
+        odd = _square(frame.residual, frame.covariance) > ODD_WRENCH
+        odd = odd or _square(*self._baseline.change(frame)) > ODD_WRENCH
         if not self._frames:
             self._in_doubt = self._in_doubt + 1 if odd else 0
-            if not odd and _differs(frame, self._before):
-                self._before = [*self._before, frame][-FRAMES:]
+            if not odd and _differs(frame, self._baseline.frames):
+                self._baseline.keep(frame)
+                # What grows slowly is odd at none of the moments, but at all of them together.
+                if self._baseline.surprise > chi2.isf(NEVER, 6 * len(self._baseline.frames)):
+                    self._in_doubt = self.noise.samples
         if (self._frames or self._in_doubt >= self.noise.samples) and _differs(frame, self._frames):
-            self._frames = [*self._frames, frame][-FRAMES:]
-            self._most_turned = max(self._most_turned, _turn(rotation, self._zero.rotation))
-            self._judged = self._judge()
+            self._frames.append(frame)
+            if len(self._frames) > FRAMES:
+                del self._frames[nearest_to_predecessor(self._frames)]
+            self._most_turned = max(self._most_turned, turn_between(rotation, self._zero.rotation))
+            self._gathered += 1
+            # What is named by much data is looked at again now and then.
+            if self._gathered <= FRAMES or self._gathered % AGAIN == 0:
+                self._judged = self._judge()
         return self._agreement(frame)
+
+    def _frame(
+        self,
+        matrix: FloatArray,
+        tension: FloatArray,
+        wound: FloatArray,
+        position: FloatArray,
+        rotation: FloatArray,
+        wrench: FloatArray,
+        travel: float = 0.0,
+        acceleration: float = 0.0,
+    ) -> Frame:
+        """One moment, without its covariance."""
+        pulled = matrix * self.stiffness
+        return Frame(
+            residual=wrench - matrix @ tension,
+            matrix=matrix,
+            pulled=pulled,
+            gain=pulled @ matrix.T,
+            tension=np.array(tension),
+            wound=np.array(wound),
+            rotation=np.array(rotation),
+            position=np.array(position),
+            wrench=np.array(wrench),
+            travel=travel,
+            acceleration=acceleration,
+        )
 
     def reflector(
         self, measured: FloatArray, expected: FloatArray, std: float, at: Reading | None = None
@@ -248,7 +279,7 @@ class AgreementMonitor:
         if frame is None or zero is None:
             return False
         error = np.concatenate([frame.rotation.T @ away, np.zeros(3)])
-        seen = tool_residual(frame, zero, self.stiffness, self._cables, error)
+        seen = tool_residual([frame], zero, self.stiffness, self._cables, error)
         return bool(_square(seen, frame.covariance) > ODD_WRENCH)
 
     def _judge(self) -> tuple[Suspect | None, tuple[Suspect, ...]]:
@@ -256,30 +287,23 @@ class AgreementMonitor:
         zero = self._zero
         if zero is None:
             return None, ()
-        roots = {
-            id(frame): np.linalg.inv(np.linalg.cholesky(frame.covariance))
-            for frame in (*self._before, *self._frames)
-        }
+        frames, before = [*self._baseline.frames, *self._frames], len(self._baseline.frames)
+        # All moments at once: what is wrong all the time is nearly the same in near ones.
+        root = np.linalg.inv(np.linalg.cholesky(joint_covariance(self.noise, frames)))
+        residual = np.concatenate([frame.residual for frame in frames])
         fitting = []
         for suspect in self._suspects:
-            since = suspect.fault is not Fault.SLIPPED_CABLE
-            frames = [*self._before, *self._frames] if since else self._frames
             if suspect.fault is Fault.ROBOT_TOOL:
-                square, freedom = self._fit_tool(zero, frames, roots)
+                square, freedom = self._fit_tool(zero, frames, root, residual)
             else:
-                parts = [effect(suspect, frame, self.stiffness) for frame in frames]
-                left = np.concatenate(
-                    [
-                        roots[id(frame)] @ (frame.residual - fixed)
-                        for frame, (fixed, _) in zip(frames, parts, strict=True)
-                    ]
-                )
-                free = np.concatenate(
-                    [
-                        roots[id(frame)] @ column
-                        for frame, (_, column) in zip(frames, parts, strict=True)
-                    ]
-                )
+                # A cable that slips has not yet slipped in the moments before.
+                late = suspect.fault is Fault.SLIPPED_CABLE
+                parts = [
+                    effect(suspect, frame, self.stiffness, not late or i >= before)
+                    for i, frame in enumerate(frames)
+                ]
+                left = root @ (residual - np.concatenate([fixed for fixed, _ in parts]))
+                free = root @ np.concatenate([column for _, column in parts])
                 if free.shape[1]:
                     left = left - free @ np.linalg.lstsq(free, left, rcond=1e-12)[0]
                 square, freedom = float(left @ left), left.size - unknowns(suspect)
@@ -288,27 +312,23 @@ class AgreementMonitor:
         chosen = fitting[0] if len(fitting) == 1 else None
         if chosen is not None and chosen.fault is Fault.ROBOT_TOOL and not self._turned():
             chosen = None
+        if self._judged[0] in fitting:
+            # What once alone explained everything stays named while it does explain it.
+            chosen = self._judged[0]
+            return chosen, (chosen,) if chosen is not None else tuple(fitting)
         return chosen, tuple(fitting)
 
     def _fit_tool(
-        self, zero: Frame, frames: list[Frame], roots: dict[int, FloatArray]
+        self, zero: Frame, frames: list[Frame], root: FloatArray, residual: FloatArray
     ) -> tuple[float, int]:
         """Sum of squares that the best error of the tool leaves, and its degrees of freedom."""
         tool, square = np.zeros(6), np.inf
-        given = (zero, self.stiffness, self._cables)
+        given = (frames, zero, self.stiffness, self._cables)
         for _ in range(TOOL_STEPS):
-            left = np.concatenate(
-                [
-                    roots[id(frame)] @ (frame.residual - tool_residual(frame, *given, tool))
-                    for frame in frames
-                ]
-                + [-tool / TOOL_STD]
-            )
+            seen = tool_residual(*given, tool)
+            left = np.concatenate([root @ (residual - seen), -tool / TOOL_STD])
             square = min(square, float(left @ left))
-            free = np.concatenate(
-                [roots[id(frame)] @ tool_columns(frame, *given, tool) for frame in frames]
-                + [np.diag(1.0 / TOOL_STD)]
-            )
+            free = np.vstack([root @ tool_columns(*given, tool, seen), np.diag(1.0 / TOOL_STD)])
             tool = tool + np.linalg.lstsq(free, left, rcond=1e-12)[0]
         return square, 6 * len(frames)
 
@@ -319,17 +339,18 @@ class AgreementMonitor:
     def _agreement(self, frame: Frame) -> Agreement:
         """Answer: suspects, and the pose by robot, encoders and sensor together."""
         named, candidates = self._judged
-        if self._tracker and not self._frames:
+        wrong = bool(self._frames)
+        if self._tracker and not wrong:
             candidates = self._tracker
             named = self._tracker[0] if self._tracker_named else None
         # A wrong pose by d changes the residual by A K A^T d.
-        gain = (frame.matrix * self.stiffness) @ frame.matrix.T
+        gain = frame.gain
         both = gain @ self._prior @ gain.T + frame.covariance
         share = self._prior @ gain.T @ np.linalg.inv(both)
-        move = np.zeros(6) if self._frames else -share @ frame.residual
+        move = np.zeros(6) if wrong else -share @ frame.residual
         covariance = self._prior - share @ gain @ self._prior
         return Agreement(
-            agree=not (self._frames or self._tracker),
+            agree=not (wrong or self._tracker),
             named=named,
             candidates=candidates,
             residual=frame.residual,
@@ -341,23 +362,18 @@ class AgreementMonitor:
 
 
 def _differs(frame: Frame, kept: list[Frame]) -> bool:
-    """Whether a moment's pose differs from the last that was kept."""
+    """Whether a moment's pose or tensions differ from the last that was kept."""
     if not kept:
         return True
     moved = float(np.linalg.norm(frame.position - kept[-1].position))
-    turned = _turn(frame.rotation, kept[-1].rotation)
-    return bool(moved > APART_M or turned > APART_RAD)
+    turned = turn_between(frame.rotation, kept[-1].rotation)
+    pulled = float(np.linalg.norm(frame.tension - kept[-1].tension))
+    return bool(moved > APART_M or turned > APART_RAD or pulled > APART_N)
 
 
 def _square(residual: FloatArray, covariance: FloatArray) -> float:
     """Square of a residual in its own deviations."""
     return float(residual @ np.linalg.solve(covariance, residual))
-
-
-def _turn(first: FloatArray, second: FloatArray) -> float:
-    """Angle between two orientations [rad]."""
-    chord = float(np.linalg.norm(first - second)) / np.sqrt(8.0)
-    return 2.0 * float(np.arcsin(min(chord, 1.0)))
 
 
 def _turned_by(vector: FloatArray) -> FloatArray:

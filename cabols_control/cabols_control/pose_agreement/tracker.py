@@ -39,19 +39,23 @@ class TrackerNoise:
         shift: of the registered tracker's place [m].
         turn: of its axes [rad].
         nest: of a reflector's place on the platform, each axis [m].
-        robot: of the robot's pose at a reflector, each axis [m].
-        repeat: of its repeatability [m].
-        per_newton: of its deflection at a reflector, for a force [m/N].
-        per_newton_metre: likewise for a torque [m/(N m)].
+        robot: of the robot's position, each axis [m].
+        robot_turn: of its orientation [rad].
+        repeat: of its repeatability at a reflector [m].
+        per_newton: of the platform's shift by the robot's deflection, for a force [m/N].
+        turn_per_newton: of its turn, likewise; and of its shift, for a torque [rad/N].
+        turn_per_newton_metre: of its turn, for a torque [rad/(N m)].
     """
 
     shift: float = 0.0
     turn: float = 0.0
     nest: float = 0.0
     robot: float = 2e-4
+    robot_turn: float = 0.0
     repeat: float = 3e-5
     per_newton: float = 0.0
-    per_newton_metre: float = 0.0
+    turn_per_newton: float = 0.0
+    turn_per_newton_metre: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,11 @@ class Reading:
     rotation: FloatArray
     wrench: FloatArray
     std: float
+
+    @property
+    def lever(self) -> FloatArray:
+        """(3,) from the platform's origin to the reflector, base axes [m]."""
+        return self.expected - self.position
 
     @property
     def usable(self) -> bool:
@@ -177,6 +186,11 @@ class TrackerAgreement:
         moved = np.linalg.norm(one.position - two.position) / CORRELATED_M
         chord = np.linalg.norm(one.rotation - two.rotation) / np.sqrt(2.0)
         near = np.exp(-0.5 * (moved**2 + (chord / CORRELATED_RAD) ** 2))
-        loads = noise.per_newton**2 * float(one.wrench[:3] @ two.wrench[:3])
-        loads += noise.per_newton_metre**2 * float(one.wrench[3:] @ two.wrench[3:])
-        return np.asarray(found + (near * noise.robot**2 + loads) * same)
+        forces = float(one.wrench[:3] @ two.wrench[:3])
+        torques = float(one.wrench[3:] @ two.wrench[3:])
+        shifts = near * noise.robot**2
+        shifts += noise.per_newton**2 * forces + noise.turn_per_newton**2 * torques
+        turns = near * noise.robot_turn**2
+        turns += noise.turn_per_newton**2 * forces + noise.turn_per_newton_metre**2 * torques
+        arms = cross_matrix(one.lever) @ cross_matrix(two.lever).T
+        return np.asarray(found + shifts * same + turns * arms)

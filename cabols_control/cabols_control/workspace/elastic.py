@@ -13,11 +13,20 @@ from math import inf
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.checks import (
+    FloatArray,
+    finite_array,
+    in_range,
+    one_or_each,
+    rotation_matrix,
+    shaped_array,
+)
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
 from cabols_control.kinematics import cable_lengths, direction_gradients, structure_matrix
 from cabols_control.rotations import cross_matrix
+
+from .capacity import NO_WEIGHT, PlatformWeight
 
 MOST_STIFFNESS = 1e12
 
@@ -44,7 +53,7 @@ def tension_stiffness(
     matrix = structure_matrix(geometry, position, rotation)
     pulls = finite_array("tension", tension, (geometry.cables,))
     turning = direction_gradients(geometry, position, rotation)
-    levers = geometry.platform_points @ np.asarray(rotation, dtype=np.float64).T
+    levers = geometry.platform_points @ rotation_matrix("rotation", rotation).T
     stiffness = np.zeros((6, 6))
     for u, lever, tau, turn in zip(matrix[:3].T, levers, pulls, turning, strict=True):
         arm = cross_matrix(lever)
@@ -54,7 +63,28 @@ def tension_stiffness(
     return 0.5 * (stiffness + stiffness.T)
 
 
-def limb_stiffness(spring: ArrayLike, axial: float, length: FloatArray) -> FloatArray:
+def weight_stiffness(platform: PlatformWeight, rotation: ArrayLike) -> FloatArray:
+    """Stiffness that a platform's weight gives it: it swings where it hangs below its origin.
+
+    Args:
+        platform: its weight, and where it acts.
+        rotation: (3, 3) from platform to base axes.
+
+    Returns:
+        (6, 6) its symmetric part, base axes [N m/rad].
+
+    Raises:
+        ShapeError: if an argument has another shape or is not finite.
+    """
+    turned = rotation_matrix("rotation", rotation)
+    arm = turned @ finite_array("centre_of_mass", platform.centre_of_mass, (3,))
+    down = np.array([0.0, 0.0, -platform.weight])
+    stiffness = np.zeros((6, 6))
+    stiffness[3:, 3:] = -cross_matrix(down) @ cross_matrix(arm)
+    return 0.5 * (stiffness + stiffness.T)
+
+
+def limb_stiffness(spring: ArrayLike, axial: float, length: ArrayLike) -> FloatArray:
     """(n,) stiffness of limbs whose cables stretch as well [N/m].
 
     Args:
@@ -63,14 +93,16 @@ def limb_stiffness(spring: ArrayLike, axial: float, length: FloatArray) -> Float
         length: (n,) of the cables [m].
 
     Raises:
+        ShapeError: if an argument has another shape or is not finite.
         OutOfRangeError: if a stiffness is not positive.
     """
-    k_e = finite_array("spring", np.broadcast_to(spring, length.shape), length.shape)
+    lengths = finite_array("length", length, (None,))
+    k_e = one_or_each("spring", spring, lengths.size)
     for value in k_e:
         in_range("spring", value, 1e-9, MOST_STIFFNESS)
     if not axial > 0.0:
         in_range("axial", axial, 1e-9, inf)
-    return np.asarray(1.0 / (1.0 / k_e + length / axial), dtype=np.float64)
+    return np.asarray(1.0 / (1.0 / k_e + lengths / axial), dtype=np.float64)
 
 
 def platform_stiffness(
@@ -81,6 +113,7 @@ def platform_stiffness(
     spring: ArrayLike,
     axial: float = inf,
     target: ArrayLike | None = None,
+    platform: PlatformWeight = NO_WEIGHT,
 ) -> FloatArray:
     """Stiffness of the platform with the motors standing, and of what holds it besides.
 
@@ -92,6 +125,7 @@ def platform_stiffness(
         spring: as in `limb_stiffness`.
         axial: likewise.
         target: (6, 6) stiffness of a robot or target, base axes; None: the platform hangs free.
+        platform: its weight, which the tensions carry.
 
     Returns:
         (6, 6) force before torque, about the platform's origin, base axes.
@@ -104,6 +138,7 @@ def platform_stiffness(
     each = limb_stiffness(spring, axial, cable_lengths(geometry, position, rotation))
     found = (matrix * each) @ matrix.T
     found += tension_stiffness(geometry, position, rotation, tension)
+    found += weight_stiffness(platform, rotation)
     if target is not None:
         found += finite_array("target", target, (6, 6))
     return np.asarray(found, dtype=np.float64)
@@ -127,7 +162,7 @@ class Yield:
 
 
 def yield_under(
-    stiffness: FloatArray, wrenches: ArrayLike, directions: ArrayLike, length: float
+    stiffness: ArrayLike, wrenches: ArrayLike, directions: ArrayLike, length: float
 ) -> Yield:
     """How far any of several loads moves a platform.
 
@@ -142,10 +177,10 @@ def yield_under(
     """
     free = np.asarray(directions, dtype=np.int64)
     loads = finite_array("wrenches", wrenches, (None, 6))[:, free]
-    if stiffness.shape != (6, 6):
-        raise ShapeError(f"stiffness: expected (6, 6), got {stiffness.shape}")
-    own = stiffness[np.ix_(free, free)]
+    if not len(loads):
+        raise ShapeError("wrenches: expected at least one load, got none")
     scale = np.where(free < 3, 1.0, 1.0 / in_range("length", length, 1e-9, 1e6))
+    own = shaped_array("stiffness", stiffness, (6, 6))[np.ix_(free, free)]
     if not np.isfinite(own).all():
         return Yield(inf, inf, -inf)
     least = float(np.linalg.eigvalsh(own * np.outer(scale, scale))[0])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cabols_control.checks import FloatArray, finite_array
+from cabols_control.checks import FloatArray, finite_array, shaped_array
 from cabols_control.errors import ShapeError
 
 IndexArray = NDArray[np.int64]
@@ -105,9 +105,9 @@ def level_surface(x: ArrayLike, y: ArrayLike, z: ArrayLike, values: ArrayLike) -
     shape = tuple(axis.size for axis in axes)
     if min(shape) < 2:
         raise ShapeError(f"x, y, z: expected two positions or more on each, got {shape}")
-    level = np.asarray(values, dtype=np.float64)
-    if level.shape != shape or np.isnan(level).any():
-        raise ShapeError(f"values: expected numbers of shape {shape}, got {level.shape} or NaN")
+    level = shaped_array("values", values, shape)
+    if np.isnan(level).any():
+        raise ShapeError(f"values: expected numbers of shape {shape}, got NaN")
     scale = max(float(np.abs(level[np.isfinite(level)]).max(initial=0.0)), 1e-30)
     level = np.pad(np.clip(level, -scale, scale), 1, constant_values=-1e6 * scale)
     # Zero would put a vertex on a corner, where several edges meet.

@@ -38,9 +38,7 @@ class WrenchSet:
         m = points.shape[1]
         if m < 1:
             raise ShapeError(f"points: expected wrenches of one component or more, got {m}")
-        generators = np.asarray(self.generators, dtype=np.float64)
-        if generators.size == 0:
-            generators = np.zeros((0, m))
+        generators = self.generators if np.size(self.generators) else np.zeros((0, m))
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "generators", finite_array("generators", generators, (None, m)))
         held = finite_array("held", self.held, (m,)) if np.size(self.held) else np.zeros(m)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_control.files.output_folder import output_folder
-from cabols_control.kinematics import structure_matrix
+from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.rig import load_rig
 from cabols_control.tension import distribute
 from cabols_control.workspace.elastic import platform_stiffness, yield_under
@@ -64,7 +64,15 @@ def run_stiffness(
     spring = np.broadcast_to(spring, (robot.geometry.cables,))
     rows = np.array(
         [
-            _row(robot, required.vertices(), position, rotation, spring, options.axial)
+            _row(
+                robot,
+                _loads(required, rotation, options.platform_axes),
+                position,
+                rotation,
+                spring,
+                options.axial,
+                required.held,
+            )
             for position in grid.positions
             for rotation in grid.rotations
         ]
@@ -89,6 +97,14 @@ def _own(options: argparse.Namespace, robot: Robot) -> FloatArray:
     return np.array([load_rig(options.rig).limbs.stiffness])
 
 
+def _loads(required: WrenchSet, rotation: FloatArray, platform_axes: bool) -> FloatArray:
+    """(q, 6) corners of the required wrenches beside what is held, base axes [N, N m]."""
+    corners = required.vertices() - required.held
+    if not platform_axes:
+        return corners
+    return np.hstack([corners[:, :3] @ rotation.T, corners[:, 3:] @ rotation.T])
+
+
 def _row(
     robot: Robot,
     loads: FloatArray,
@@ -96,6 +112,7 @@ def _row(
     rotation: FloatArray,
     spring: FloatArray,
     axial: float,
+    steady: FloatArray,
 ) -> list[float]:
     """One pose: its coordinates and how far the loads move it; inf out of reach."""
     geometry = robot.geometry
@@ -103,22 +120,28 @@ def _row(
     pose = [*position, *angles]
     try:
         matrix = structure_matrix(geometry, position, rotation)
+        length = cable_lengths(geometry, position, rotation)
+        if not (
+            length.min() >= geometry.cable_length_min and length.max() <= geometry.cable_length_max
+        ):
+            return [*pose, inf, inf, -inf, inf]
         arm = rotation @ np.array(robot.platform.centre_of_mass)
         carried = robot.platform.weight * np.array([0.0, 0.0, 1.0, arm[1], -arm[0], 0.0])
         used = geometry.motion.directions
         scaled = np.zeros((6, geometry.cables))
         scaled[used] = matrix[used]
         wanted = np.zeros(6)
-        wanted[used] = carried[used]
+        wanted[used] = (carried + steady)[used]
         least = np.maximum(robot.tension_min, np.minimum(HELD_N, robot.tension_max))
         held = distribute(scaled, wanted, least, robot.tension_max)
         if not held.feasible:
             return [*pose, inf, inf, -inf, float(held.tension.max())]
-        stiffness = platform_stiffness(geometry, position, rotation, held.tension, spring, axial)
+        stiffness = platform_stiffness(
+            geometry, position, rotation, held.tension, spring, axial, platform=robot.platform
+        )
     except CabolsError:
         return [*pose, inf, inf, -inf, inf]
-    length = 1.0 / float(robot.weights[-1])
-    found = yield_under(stiffness, loads, used, length)
+    found = yield_under(stiffness, loads, used, 1.0 / float(robot.weights[-1]))
     return [
         *pose, 1e3 * found.moved, 1e3 * found.turned, found.least, float(held.tension.max())
     ]  # fmt: skip
