@@ -28,6 +28,10 @@ PLANNED_SHARE = 0.97
 """Share of the envelope's limits that a load may use: steps overshoot by 1 to 2 %."""
 
 
+BACKLASH_MAX_M = 1e-3
+"""More is a worn gear, not a play to allow for [m]."""
+
+
 @config_dataclass(frozen=True, config=STRICT)
 class LimbsConfig:
     """Identified limbs of a rig.
@@ -37,17 +41,21 @@ class LimbsConfig:
         switch_tension: where a limit switch closes [N].
         gain: k of (3.11), one for each limb [m/s/A].
         time_constant: T of (3.11), one for each limb [s].
+        backlash: play between a motor's encoder and its cable that the limb law allows for, at the
+            cable [m]; 0: none. Rather too small than too large.
     """
 
     stiffness: float
     switch_tension: float
     gain: list[float]
     time_constant: list[float]
+    backlash: float = 0.0
 
     def __post_init__(self) -> None:
         """Check signs and lengths."""
         in_range("stiffness", self.stiffness, 1.0, 1e7)
         in_range("switch_tension", self.switch_tension, 0.0, 1000.0)
+        in_range("backlash", self.backlash, 0.0, BACKLASH_MAX_M)
         if len(self.gain) != len(self.time_constant):
             raise ConfigError(
                 f"time_constant: expected {len(self.gain)} values as in gain, "

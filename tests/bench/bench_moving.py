@@ -102,6 +102,7 @@ class Variant:
         feed: whether the cables' speeds are fed forward.
         lag_s: of the poses, which nobody states.
         known: whether that lag has been identified.
+        backlash: that the limb law allows for; the plant has 0.2 mm [m].
     """
 
     name: str
@@ -110,6 +111,7 @@ class Variant:
     feed: bool = True
     lag_s: float = 0.0
     known: bool = False
+    backlash: float = 0.0
 
 
 VARIANTS = (
@@ -118,6 +120,7 @@ VARIANTS = (
     Variant("extrapolated, published", feed=False),
     Variant("extrapolated and fed forward, published"),
     Variant("extrapolated and fed forward, fast", fast=True),
+    Variant("the same with 0.17 mm of backlash known, published", backlash=0.00017),
     Variant("12 ms that nobody knows, published", lag_s=LAG_S),
     Variant("12 ms, identified, published", lag_s=LAG_S, known=True),
     Variant("12 ms, identified, fast", fast=True, lag_s=LAG_S, known=True),
@@ -128,6 +131,7 @@ def loaded(variant: Variant, seed: int = -1, lag_s: float | None = None) -> Movi
     """A rig of a variant, holding HELD in platform axes about a point 100 mm off."""
     control = find_rig().file("control_fast.yaml") if variant.fast else None
     rig = load_rig(control=control)
+    rig = replace(rig, limbs=replace(rig.limbs, backlash=variant.backlash))
     if not variant.extrapolated:
         rig = replace(rig, control=replace(rig.control, pose_horizon=0.0))
     bench = MovingRig(rig, variant.lag_s if lag_s is None else lag_s, seed, variant.feed)

@@ -15,6 +15,25 @@ RATE_FILTER_S = 0.012
 
 
 @njit(cache=True)
+def follow_backlash(limb: Any, wound: float) -> float:
+    """Return how much more than its motor says a cable is stretched, as its gear has play [m].
+
+    The cable moves once the motor has crossed the play (an operator of play, as in Krasnosel'skii
+    and Pokrovskii 1989, section 2). Zeros are set while a motor winds in, so that it is nothing
+    while one winds in, and all of the play while one pays out.
+
+    Args:
+        limb: record of LIMB; updated.
+        wound: length by the motor's encoder [m].
+    """
+    half = 0.5 * limb["backlash"]
+    if not (half > 0.0 and abs(wound) < np.inf):
+        return 0.0
+    limb["pulley"] = min(max(limb["pulley"], wound - half), wound + half)
+    return float(half - (wound - limb["pulley"]))
+
+
+@njit(cache=True)
 def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
     """Set each limb's kind of control, position and reference.
 
@@ -42,6 +61,7 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
         limb["changed"] = now != limb["kind"]
         limb["kind"] = now
         wound = wound_lengths[i]
+        more = follow_backlash(limb, wound)
         limb["position"] = wound
         limb["reference"] = limb["feed_forward"] = 0.0
         if now == ControlKind.SWITCH:
@@ -53,11 +73,11 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
         elif now == ControlKind.TENSION or now == ControlKind.FOLLOW:
             limited = min(max(limb["setpoint"], 0.0), task["tension_limit"])
             # 0 * x is NaN for an x that is not finite, which the law refuses.
-            error = limited - tensions[i]
+            error = limited - tensions[i] - limb["stiffness"] * more
             limb["reference"] = limb["tension_gain"] * error + 0.0 * limb["setpoint"]
             elongation = elongations[i]
             if now == ControlKind.TENSION:
-                limb["position"] = elongation
+                limb["position"] = elongation + more
                 # The motor pays out as the platform lengthens the cable: T v_dot + v = k i (3.11).
                 ahead = limb["current_per_speed"] * speeds[i]
                 ahead += limb["current_per_change"] * changes[i]

@@ -17,6 +17,7 @@ from cabols_control.geometry import RigGeometry
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.limb_control.law import advance_law
 from cabols_control.limb_control.records import limb_records
+from cabols_control.limb_control.references import follow_backlash
 from cabols_control.rig import Rig
 from cabols_control.tension import DEFAULT_WEIGHTS, prepare_pose, set_method, work_size
 from cabols_control.tension.kernels.work_array import SHARE
@@ -165,9 +166,10 @@ def _run(
             control.law, desired[k], measured, PERIOD_S, control.work
         )
         for i in range(n):
+            limb = control.limbs[i]
+            elongation[i] += follow_backlash(limb, elongation[i])
             estimate = control.stiffness * elongation[i]
             record.estimate[k, i] = estimate
-            limb = control.limbs[i]
             limb["reference"] = limb["tension_gain"] * (command[i] - estimate)
             limb["position"] = elongation[i]
         advance_law(control.limbs, PERIOD_S, control.current_limit)
@@ -288,11 +290,13 @@ def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
     limits = (np.full(n, rig.control.tension_min), np.full(n, rig.control.tension_max))
     prepare_pose(matrix, *limits, np.array(DEFAULT_WEIGHTS), work)
     set_method(work, n, rig.control.tension_method, rig.control.tension_exponent, share=0.0)
+    limbs = limb_records(rig.gains.limbs)
+    limbs["backlash"] = rig.limbs.backlash
     return _Control(
         matrix,
         work,
         wrench_law_work(rig.gains.proportional, rig.gains.integral, n),
-        limb_records(rig.gains.limbs),
+        limbs,
         rig.limbs.stiffness,
         zero,
         rig.control.current_limit,
