@@ -120,6 +120,10 @@ bench-workspace: setup  ## time workspace grids beside linear programmes
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_workspace.py $(ARGS)
 
+bench-pose-estimator: setup  ## an hour of a rig's data without a false alarm, faults named (--short: 5 minutes)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_pose_estimator.py $(ARGS)
+
 bench-forward-kinematics: setup  ## poses of ten public robots from their cables' lengths: none wrong, time; resumes
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_forward_kinematics.py $(ARGS)

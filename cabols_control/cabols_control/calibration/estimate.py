@@ -13,7 +13,15 @@ import numpy as np
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import CabolsError, ShapeError
 
-from .model import Noise, Readings, courses, derivatives, noise_covariances, predicted
+from .model import (
+    Noise,
+    Readings,
+    courses,
+    derivatives,
+    noise_covariances,
+    pose_derivatives,
+    predicted,
+)
 from .parameters import Layout
 
 MOST_STEPS = 30
@@ -98,16 +106,22 @@ def calibrate(layout: Layout, readings: Readings, noise: Noise) -> Calibration:
         layout.parts(shift)["offset"][:] = (first - read[~loaded, :n]).mean(axis=0) / scale[
             7 * n : 8 * n
         ]
+    # What the poses are wrong by. A derivative at a wrong pose is wrong in what the reading is, and
+    # the estimate would be biased (errors in variables): they are estimated along.
+    off = np.zeros((len(read), 6))
     for _ in range(MOST_STEPS):
-        values = layout.start + scale * shift
-        jacobian, whiten = information(layout, values, readings, noise)
-        misfit = read - predicted(layout, values, readings)
+        values, at = layout.start + scale * shift, readings.moved(off)
+        jacobian, whiten = information(layout, values, at, noise)
+        by_pose = pose_derivatives(layout, values, at)
+        misfit = read - predicted(layout, values, at) + np.einsum("kab,kb->ka", by_pose, off)
         white = np.einsum("kab,kb->ka", whiten, misfit).ravel()
         flat = jacobian.reshape(-1, shift.size)
         normal = flat.T @ flat + np.eye(shift.size)
         step = np.linalg.solve(normal, flat.T @ white - shift)
         if not np.isfinite(step).all():
             break
+        rest = white.reshape(len(read), -1) - jacobian @ step
+        off = noise.pose**2 * np.einsum("kab,kca,kc->kb", by_pose, whiten, rest)
         shift = shift + step
         if np.abs(step).max() < SMALL_STEP:
             covariance = scale[:, None] * np.linalg.inv(normal) * scale

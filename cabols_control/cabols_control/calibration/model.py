@@ -85,6 +85,16 @@ class Readings:
         """(k,) whether a row has a wrench."""
         return np.asarray(np.isfinite(self.wrench).all(axis=1), dtype=np.bool_)
 
+    def moved(self, motion: FloatArray) -> Readings:
+        """Return the same readings at other poses.
+
+        Args:
+            motion: (6,) or (k, 6) shift [m] and rotation vector [rad], base axes.
+        """
+        turn = Rotation.from_rotvec(motion[..., 3:]).as_matrix()
+        place = self.position + motion[..., :3]
+        return Readings(place, turn @ self.rotation, self.let_out, self.wrench, self.tension)
+
     def chosen(self, rows: BoolArray | IntArray) -> Readings:
         """Return some rows.
 
@@ -117,6 +127,11 @@ class Noise:
     rotation: float = 140e-6
     force: float = 0.05
     torque: float = 0.005
+
+    @property
+    def pose(self) -> FloatArray:
+        """(6,) of a pose's components [m], [rad]."""
+        return np.repeat([self.position, self.rotation], 3)
 
     def __post_init__(self) -> None:
         """Check that all are positive.
@@ -211,6 +226,25 @@ def derivatives(layout: Layout, values: FloatArray, readings: Readings) -> Float
     return found
 
 
+def pose_derivatives(layout: Layout, values: FloatArray, readings: Readings) -> FloatArray:
+    """(k, n + 6, 6) derivatives of what is predicted, by the pose: shift [m], turn [rad].
+
+    Args:
+        layout: of the parameters.
+        values: (p,) parameters.
+        readings: as for `predicted`.
+    """
+    found = np.zeros((len(readings.position), layout.cables + 6, 6))
+    for k in range(6):
+        move = np.zeros(6)
+        move[k] = POSE_STEP
+        after, before = (
+            predicted(layout, values, readings.moved(sign * move)) for sign in (1.0, -1.0)
+        )
+        found[:, :, k] = (after - before) / (2.0 * POSE_STEP)
+    return found
+
+
 def noise_covariances(
     layout: Layout, values: FloatArray, readings: Readings, noise: Noise
 ) -> FloatArray:
@@ -225,24 +259,8 @@ def noise_covariances(
         readings: as for `predicted`.
         noise: of what is read.
     """
-    n, rows = layout.cables, len(readings.position)
-    loaded = readings.loaded
-    by_pose = np.zeros((rows, n + 6, 6))
-    for k in range(6):
-        move = np.zeros(6)
-        move[k] = POSE_STEP
-        sides = []
-        for sign in (1.0, -1.0):
-            turn = Rotation.from_rotvec(sign * move[3:]).as_matrix()
-            moved = Readings(
-                readings.position + sign * move[:3],
-                turn @ readings.rotation,
-                readings.let_out,
-                readings.wrench,
-                readings.tension,
-            )
-            sides.append(predicted(layout, values, moved))
-        by_pose[:, :, k] = (sides[0] - sides[1]) / (2.0 * POSE_STEP)
+    n, loaded = layout.cables, readings.loaded
+    by_pose = pose_derivatives(layout, values, readings)
     own = layout.parts(values)
     _, direction, lever = courses(layout, values, readings.position, readings.rotation)
     columns = np.concatenate([direction, np.cross(lever, direction)], axis=2)
@@ -251,8 +269,7 @@ def noise_covariances(
         axis=2,
     )
     by_length = np.swapaxes(own["stiffness"][:, None] * turned, 1, 2)
-    pose = np.repeat([noise.position, noise.rotation], 3)
-    scaled = by_pose * pose
+    scaled = by_pose * noise.pose
     found = scaled @ np.swapaxes(scaled, 1, 2)
     own_noise = np.repeat([noise.force, noise.torque], 3) ** 2
     lengths = noise.length**2 * by_length @ np.swapaxes(by_length, 1, 2)
