@@ -101,7 +101,15 @@ def hear_step(filters: Any, step: FloatArray, dt_s: float, last: Any) -> None:
 def mean_of_filters(
     filters: Any, off: FloatArray, speed: FloatArray, gain: FloatArray, jerk: FloatArray
 ) -> None:
-    """Fill (6,) each: what the filters say together; see POSE_FILTERS."""
+    """Fill what the filters say together.
+
+    Args:
+        filters: a record of POSE_FILTERS.
+        off: (6,) from the newest pose, filled [m], [rad], base axes.
+        speed: (6,), filled [m/s], [rad/s].
+        gain: (6,) acceleration, filled [m/s^2], [rad/s^2].
+        jerk: (6,), filled [m/s^3], [rad/s^3].
+    """
     for part in range(2):
         floor = FLOOR[part] * FLOOR[part]
         best = np.inf

@@ -27,13 +27,23 @@ class ErrorMeter:
         self._last_s = -np.inf
 
     def measure(self, stamp_s: float, wrench: FloatArray) -> None:
-        """Take a measured wrench (6,) in the programme's frame; stamp_s of the sample [s]."""
+        """Take a measured wrench.
+
+        Args:
+            stamp_s: of the sample [s].
+            wrench: (6,) in the programme's frame [N, N m].
+        """
         if not self._measured or stamp_s > self._measured[-1][0]:
             self._measured.append((stamp_s, np.array(wrench)))
             self._compare()
 
     def command(self, stamp_s: float, wrench: FloatArray) -> None:
-        """Take a command (6,) in its frame; stamp_s of its message [s]."""
+        """Take a command.
+
+        Args:
+            stamp_s: of its message [s].
+            wrench: (6,) in its frame [N, N m].
+        """
         if not stamp_s > self._last_s:
             return
         if stamp_s - self._last_s > HELD_S:

@@ -75,7 +75,12 @@ class Learnt:
         return int(self.history.shape[0])
 
     def is_here(self, position: FloatArray, rotation: FloatArray) -> bool:
-        """Whether it was learnt at about a pose, (3,) [m] and (3, 3)."""
+        """Whether it was learnt at about a pose.
+
+        Args:
+            position: (3,) platform's origin in the base frame [m].
+            rotation: (3, 3) from platform to base axes.
+        """
         return is_same_place((self.position, self.rotation), (position, rotation))
 
 

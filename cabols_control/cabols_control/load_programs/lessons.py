@@ -144,7 +144,12 @@ class School:
         self._times, self._wrenches, self._ages, self._moved = [], [], [], False
 
     def note_pose(self, position: FloatArray, rotation: FloatArray) -> None:
-        """Look whether the platform stands, by a pose (3,) [m] and (3, 3) during the run."""
+        """Look whether the platform stands during the run.
+
+        Args:
+            position: (3,) platform's origin in the base frame [m].
+            rotation: (3, 3) from platform to base axes.
+        """
         if self._now is not None and not is_same_place(
             self._now.place, (position, rotation), STANDS
         ):
