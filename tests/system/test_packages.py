@@ -3,6 +3,7 @@
 import ast
 import configparser
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -82,6 +83,19 @@ WITHOUT_KEY = {
 }
 
 
+WITHOUT_ROS = {"cabols_control", "cabols_stiffness"}
+"""Packages that pip alone installs."""
+PIP_NAME = {
+    "foxglove": "foxglove-sdk",
+    "fastapi": "nicegui",
+    "starlette": "nicegui",
+    "uvicorn": "nicegui",
+    "mpl_toolkits": "matplotlib",
+    "yaml": "pyyaml",
+}
+"""Modules that pip knows by another name, or that another package brings."""
+
+
 def sources(package: str) -> list[Path]:
     """Return a package's Python files, launch files among them, without setup.py and test/."""
     folder = PACKAGES[package]
@@ -94,13 +108,17 @@ def sources(package: str) -> list[Path]:
 
 def imported_modules(path: Path) -> set[str]:
     """Return the full names of the modules that a file imports absolutely, at any depth."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(), str(path))):
-        if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            names.update(f"{node.module}.{alias.name}" for alias in node.names)
-    return names
+    tree = ast.parse(path.read_text(), str(path))
+    return {name for node in ast.walk(tree) for name in _imported(node)}
+
+
+def _imported(node: ast.AST) -> set[str]:
+    """Return the full names of the modules that one statement imports absolutely."""
+    if isinstance(node, ast.Import):
+        return {alias.name for alias in node.names}
+    if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+        return {f"{node.module}.{alias.name}" for alias in node.names}
+    return set()
 
 
 def top_level(path: Path) -> set[str]:
@@ -190,6 +208,38 @@ def test_every_import_is_a_declared_dependency(package):
                 undeclared.append(f"{place(path)}: {name} needs <exec_depend>{key}</exec_depend>")
     assert not unknown, "modules that this test's ROSDEP_KEY does not know"
     assert not undeclared
+
+
+def pip_requirements(package: str, extras: bool) -> set[str]:
+    """Return the names that pip installs with a package, with its extras or without."""
+    config = configparser.ConfigParser()
+    config.read(PACKAGES[package] / "setup.cfg")
+    texts = [config.get("options", "install_requires")]
+    if extras:
+        texts += config["options.extras_require"].values()
+    return {re.split(r"[<>=\[]", word)[0].lower() for text in texts for word in text.split()}
+
+
+@pytest.mark.parametrize("package", sorted(WITHOUT_ROS))
+def test_pip_brings_what_a_package_imports_without_ros(package):
+    """The console's and optional modules by an extra; what is imported at once without one."""
+    known = set(sys.stdlib_module_names) | {package}
+    at_once, at_all = pip_requirements(package, False), pip_requirements(package, True)
+    missing = []
+    for path in sources(package):
+        folders = set(path.relative_to(PACKAGES[package]).parts[:-1])
+        if folders & {*ROS_FOLDERS, "bringup"}:
+            continue
+        first = {
+            name.split(".")[0]
+            for statement in ast.parse(path.read_text()).body
+            for name in _imported(statement)
+        }
+        for name in top_level(path) - known:
+            wanted = at_once if name in first and "console" not in folders else at_all
+            if PIP_NAME.get(name, name).lower() not in wanted:
+                missing.append(f"{place(path)}: {name}")
+    assert not missing
 
 
 @pytest.mark.parametrize("package", PACKAGES)

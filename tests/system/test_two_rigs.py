@@ -90,6 +90,35 @@ def test_a_second_rig_in_the_same_namespace_is_refused_and_disturbs_nothing():
     assert set(ended.codes.values()) == {0}
 
 
+@pytest.mark.long
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    "run", [{"robot": True, "speed": 0.3, **forgiving(0.3)}, forgiving()], ids=["robots", "rigid"]
+)
+def test_each_rig_hears_its_own_processes_alone(tmp_path, run):
+    """Every mode carries its supervisor's session, every report its process's number."""
+    together = next_environment()
+    run = {**run, "auto_start": True, "program": "steps", "exit_when_done": True}
+    running = [
+        start(together, **run, seed=seed, output=str(tmp_path / name), namespace=f"/{name}")
+        for seed, name in enumerate(("rig1", "rig2"))
+    ]
+    for process in running:
+        found, said = outcome(process)
+        assert (found["first"], found["code"]) == ("load_program", 0), said
+    sessions, instances = [], []
+    for name in ("rig1", "rig2"):
+        bag = read_bag(tmp_path / name, ["mode", "loop_status"])
+        sessions.append(set(bag["mode"]["session"]))
+        reports = bag["loop_status"]
+        instances.append(set(zip(reports["node"], reports["instance"], strict=True)))
+        assert len(sessions[-1]) == 1
+        assert len(instances[-1]) == len({node for node, _ in instances[-1]}) > 4
+        assert not reports["dropped"].any()
+    assert sessions[0].isdisjoint(sessions[1])
+    assert {n for _, n in instances[0]}.isdisjoint({n for _, n in instances[1]})
+
+
 def next_to(pids):
     """Environment of a running rig."""
     content = Path(f"/proc/{next(iter(pids.values()))}/environ").read_bytes()
