@@ -172,23 +172,25 @@ def main():
     """Run what is not done yet, and print all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=40, help="of each rung; the full form is 1000")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first run of each rung")
     parser.add_argument("--rungs", nargs="*", default=list(RUNGS), choices=list(RUNGS))
     options = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
     place, figures = FOLDER / "ladder.jsonl", {}
+    seeds = range(options.first, options.first + options.runs)
     for rung in options.rungs:
         text = place.read_text(encoding="utf-8") if place.exists() else ""
         done = [json.loads(line) for line in text.splitlines() if line.endswith("}")]
         mine = {row["seed"]: row["counts"] for row in done if row["rung"] == rung}
         bench = None
         with place.open("a", encoding="utf-8") as stream:
-            for seed in sorted(set(range(options.runs)) - set(mine)):
+            for seed in sorted(set(seeds) - set(mine)):
                 bench = bench or Bench(rung)
                 mine[seed] = bench.run(seed)
                 row = {"rung": rung, "seed": seed, "counts": mine[seed]}
                 stream.write(json.dumps(row) + "\n")
                 stream.flush()
-        counts = [mine[seed] for seed in range(options.runs)]
+        counts = [mine[seed] for seed in seeds]
         holds, shown, inside, of = (sum(part) for part in zip(*counts, strict=True))
         print(f"{rung}: {len(counts)} runs")
         print(line_of("stiffness intervals", holds, shown, len(counts)))

@@ -111,6 +111,7 @@ class Fitted:
         elastic: (p,) False for the frictions among them.
         iterations: Gauss-Newton steps.
         converged: whether the last one was short enough.
+        doubt: (18, 18) covariance beside that of the noise: by friction's form; None: none.
     """
 
     parameters: Parameters
@@ -127,6 +128,7 @@ class Fitted:
     elastic: BoolArray
     iterations: int
     converged: bool
+    doubt: FloatArray | None = None
 
 
 def fit(

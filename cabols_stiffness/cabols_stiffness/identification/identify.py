@@ -27,6 +27,7 @@ from cabols_stiffness.identification.adequacy.judge import judge, wrong_magnitud
 from cabols_stiffness.identification.adequacy.normal import LEAST_MEAN, RandomEffects
 from cabols_stiffness.identification.adequacy.span import wrong_span
 from cabols_stiffness.identification.adequacy.wrong_data import wrong_data
+from cabols_stiffness.identification.friction_doubt import with_doubt
 from cabols_stiffness.identification.gauss_newton import (
     Fitted,
     IdentificationError,
@@ -181,6 +182,7 @@ def estimate(
     travel = np.zeros(observations.robot.n)
     if hysteresis and model != AS_PUBLISHED and has_branches(samples):
         found, estimated, travel = _with_friction(observations, estimated, found, robust)
+        found = with_doubt(observations, found, estimated)
     return found, estimated, summarise(found, model, travel)
 
 
@@ -262,6 +264,8 @@ def summarise(
         change = np.maximum(between.change[:n], LEAST_MEAN - 1.0)
         parameters = replace(parameters, compliance=parameters.compliance * (1.0 + change))
         width, scatter = student.ppf(0.5 + 0.5 * CONFIDENCE, between.freedom), between.scatter
+    if found.doubt is not None:
+        normalised = normalised + variance * found.doubt
     relative = np.sqrt(np.diagonal(normalised))
     with_cubic = model != LINEAR
     identifiable = ~found.unidentifiable[:n] & (relative[:n] <= WORST_RELATIVE)
