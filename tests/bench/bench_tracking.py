@@ -253,14 +253,19 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases with this in their name")
     parser.add_argument("--gains", default="", help="YAML of another design, such as control_fast")
     parser.add_argument("--backlash", type=float, default=0.0, help="that the limb law knows [m]")
+    parser.add_argument("--preview-delay", type=float, help="in place of the design's [s]")
     parser.add_argument("--fresh", action="store_true", help="forget the runs that are kept")
     arguments = parser.parse_args()
     design = Path(arguments.gains or "control").stem
     if arguments.backlash:
         design += f".backlash_{1e6 * arguments.backlash:g}_um"
+    if arguments.preview_delay is not None:
+        design += f".delay_{1e3 * arguments.preview_delay:g}_ms"
     kept = LineJournal(arguments.output.with_suffix(f".{design}.jsonl"), arguments.fresh)
     rig = load_rig(control=arguments.gains or None)
     rig = replace(rig, limbs=replace(rig.limbs, backlash=arguments.backlash))
+    if arguments.preview_delay is not None:
+        rig = replace(rig, control=replace(rig.control, preview_delay=arguments.preview_delay))
     setup = Setup(rig, load_card(), load_plant())
     print("rms in N or N m: median and largest against the sensor, against the truth, other axes")
     print(f"{'':50} {'sensor':>7} {'worst':>7} {'truth':>7} {'off N':>7} {'off N m':>7} {'A':>6}")
