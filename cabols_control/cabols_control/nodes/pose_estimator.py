@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
+from typing import NamedTuple
 
 import numpy as np
 from cabols_msgs.msg import PoseAgreement, ReflectorMeasurement
@@ -46,6 +47,14 @@ KINDS = {
 }
 
 
+class SentAnswer(NamedTuple):
+    """By what an answer differs from the one before."""
+
+    time: float
+    state: State
+    readings: int
+
+
 class PoseEstimatorNode(TickingNode):
     """Publishes `pose_agreement` and `estimated_pose`; names what disagrees in `loop_status`."""
 
@@ -70,15 +79,15 @@ class PoseEstimatorNode(TickingNode):
         self._poses = self.create_publisher(
             PoseWithCovarianceStamped, "estimated_pose", topic_qos("estimated_pose")
         )
-        self._told: tuple[float, State, int] = (-np.inf, State.UNKNOWN, 0)
+        self._sent = SentAnswer(-np.inf, State.UNKNOWN, 0)
 
     def tick(self) -> None:
         """Take what has come, judge it, tell what is new."""
         self._hear()
         found = self._estimator.look()
-        new = (found.time, found.state, found.readings)
-        if new != self._told and np.isfinite(found.time):
-            self._told = new
+        answer = SentAnswer(found.time, found.state, found.readings)
+        if answer != self._sent and np.isfinite(found.time):
+            self._sent = answer
             self._agreements.publish(self._message(found))
             if found.agreement is not None:
                 self._poses.publish(self._pose_message(found.time, found.agreement))
