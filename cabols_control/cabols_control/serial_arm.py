@@ -91,6 +91,10 @@ def read_serial_arm(
         _refuse_xacro(path, "unbound prefix" in str(error))
         raise ConfigError(f"{path}: expected a URDF, got {error}") from error
     _refuse_xacro(path, any("xacro" in str(one.tag) for one in root.iter()) or _holds_terms(root))
+    if root.tag != "robot":
+        raise ConfigError(
+            f"{path}: expected a URDF, whose root is <robot>, got <{root.tag}>; convert it to URDF"
+        )
     above = _above(root, path)
     name = flange or _flange(root, above, path)
     chain = _way_to(name, above, path)

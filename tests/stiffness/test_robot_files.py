@@ -149,6 +149,14 @@ def test_xacro_is_refused_with_the_command_that_expands_it(tmp_path, text):
         load_robot(path)
 
 
+@pytest.mark.parametrize("text", ['<sdf version="1.6"><model name="x"/></sdf>', "<mujoco/>"])
+def test_files_of_simulators_are_refused_by_name(tmp_path, text):
+    path = tmp_path / "arm.xml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"whose root is <robot>, got <(sdf|mujoco)>"):
+        load_robot(path)
+
+
 def test_mimic_on_the_way_can_be_held(tmp_path):
     path = urdf(tmp_path, "kr210")
     text = path.read_text(encoding="utf-8")
