@@ -10,13 +10,21 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from cabols_control import end_signals
-from cabols_control.command_line import DONE, CommandParser, did_you_mean, unknown_options
+from cabols_control.command_line import (
+    DONE,
+    USAGE,
+    CommandParser,
+    did_you_mean,
+    fail,
+    unknown_options,
+)
 from cabols_control.declared_parameters import (
     DeclaredParameter,
     declared_parameters,
@@ -42,6 +50,8 @@ def node(name: str, module: str) -> Callable[[], int]:
     """
 
     def entry() -> int:
+        if missing := without_ros():
+            return fail(missing, USAGE)
         # Python may be restarted for rclpy (ROS_FIRST): they wait until that is over. Then they end
         # the process at once, as nothing is open yet, until the node takes them over.
         end_signals.hold()
@@ -62,11 +72,24 @@ def tool(module: str, parser: Callable[[], CommandParser]) -> Callable[[], int]:
     """
 
     def entry() -> int:
+        if missing := without_ros():
+            return fail(missing, USAGE)
         words, _ = split_ros_arguments(sys.argv[1:])
         parser().parse_args(words)
         return int(importlib.import_module(module).main())
 
     return entry
+
+
+def without_ros() -> str:
+    """Say that what needs ROS cannot run here, as where pip alone installed it; else empty."""
+    lacking = [name for name in ("rclpy", "cabols_msgs") if find_spec(name) is None]
+    if not lacking:
+        return ""
+    return (
+        f"expected ROS 2 with this project's messages, found no {' and no '.join(lacking)}: "
+        "install as docs/installing.md says, and source the workspace"
+    )
 
 
 def check_node_arguments(name: str, module: str, words: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from cabols_control import node_command
+from cabols_control import entry_points, node_command
 from cabols_control.command_line import CommandParser, command, existing_file
 from cabols_control.declared_parameters import declared_parameters
 from cabols_control.errors import CabolsError, UsageError
@@ -81,6 +81,14 @@ def test_help_of_a_node_needs_no_rclpy_and_no_compiler():
     )
     assert done.stdout.splitlines()[-1] == "set()"
     assert "command_timeout (default 0.0, 0.0 to 0.2)" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["supervisor", "commission"])
+def test_what_needs_ros_says_so_without_it(monkeypatch, capsys, name):
+    monkeypatch.setattr(node_command, "find_spec", lambda name: None)
+    monkeypatch.setattr(sys, "argv", [name])
+    assert getattr(entry_points, name)() == 2
+    assert "error: expected ROS 2 with this project's messages" in capsys.readouterr().err
 
 
 def test_nodes_have_every_case():
