@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.in_process.kinds import generated_kinds
@@ -148,3 +149,58 @@ def test_pose_that_is_off_by_millimetres_is_not_taken_for_a_slack_cable(bench, s
     rig.change_pose = wrong
     rig.run(2.5)
     assert rig.guard.fault is None
+
+
+MOVES = (OperatingMode.PRETIGHTENING, OperatingMode.FREE_MOVING)
+
+
+@pytest.mark.parametrize("mode", MOVES)
+def test_rig_whose_switches_are_wired_the_other_way_pays_out_no_farther_than_its_limit(bench, mode):
+    """Its slack cables read closed, so that every limb pays out and no switch ever opens."""
+    rig = bench.started(1)
+    sense, began = rig.plant.sense, rig.bridge.wound_length.copy()
+
+    def inverted():
+        counts, gauges, lines = sense()
+        return counts, gauges, ~lines
+
+    rig.plant.sense = inverted
+    rig.mode = mode
+    rig.run(8.0, lambda: rig.guard.fault is not None)
+    assert rig.guard.fault is not None
+    assert rig.guard.fault.name == "switch"
+    assert "switch_active_low" in str(rig.guard.fault)
+    assert (began - rig.bridge.wound_length).max() < 0.18
+    assert rig.plant.tension.max() < 10.0
+
+
+def test_limbs_without_zeros_follow_a_robot_farther_than_that(bench):
+    rig = bench.started(2)
+    rig.mode = OperatingMode.FREE_MOVING
+    rig.run(0.6)
+    began = rig.bridge.wound_length.copy()
+    rig.robot.move(np.array([0.0, 0.0, -0.1]))
+    rig.run(2.95)
+    assert rig.guard.fault is None
+    assert (began - rig.bridge.wound_length).max() > 0.18
+
+
+@pytest.mark.parametrize("rate", [0.2, 2.0])
+def test_pose_that_lies_before_it_is_found_does_not_guide_the_unloading(bench, rate):
+    """It turned by 0.4 rad: cables were paid out by it one-sidedly, 16 N m on a sensor of 15."""
+    rig = loaded(bench, (50.0, -60.0, 62.0, 0.0, 0.0, 0.0))
+    began_s, torque, peak = rig.now_s, 0.0, 0.0
+
+    def turns(position, rotation):
+        angle = min(rate * (rig.now_s - began_s), 0.4)
+        return position, Rotation.from_rotvec([angle, 0.0, 0.0]).as_matrix() @ rotation
+
+    rig.change_pose = turns
+    for _ in range(800):
+        rig.cycle()
+        torque = max(torque, float(np.linalg.norm(rig.plant.wrench[3:])))
+        peak = max(peak, rig.plant.tension.max())
+    assert rig.guard.fault is not None
+    assert torque < 10.0
+    assert peak < 80.0
+    assert rig.plant.tension.max() < 10.0

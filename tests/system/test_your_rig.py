@@ -17,6 +17,7 @@ import yaml
 from cabols_control.bags.reader import read_bag
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import FILES, RigWarning
+from cabols_control.rig_tools.new_rig import make_rig
 from cabols_hw.card.config import load_card
 from cabols_hw.card.quanser import CardError, open_q8
 from cabols_sim.bench.run import run_bench
@@ -155,6 +156,15 @@ def test_copies_for_eight_cables_are_the_bench(tmp_path):
     mine, bench = load_rig(tmp_path / "mine"), load_rig()
     np.testing.assert_array_equal(mine.geometry.base_points, bench.geometry.base_points)
     assert (mine.limbs, mine.control) == (bench.limbs, bench.control)
+
+
+def test_new_rig_s_switches_fail_to_the_safe_side_and_the_bench_s_stay(tmp_path):
+    make_rig(tmp_path / "mine")
+    assert not load_card(tmp_path / "mine").switch_active_low
+    assert load_card().switch_active_low
+    path = tmp_path / "mine" / "card.yaml"
+    path.write_text(re.sub(r"(?m)^switch_active_low.*$", "", path.read_text()))
+    assert load_card(tmp_path / "mine").switch_active_low, "a file without it means what it meant"
 
 
 def test_what_may_be_missing_is_said(tmp_path):

@@ -84,12 +84,24 @@ def make_rig(
         if not bench.has(file.name):
             continue
         text = changed.get(file.name) or bench.file(file.name).read_text(encoding="utf-8")
+        if file.name == "card.yaml":
+            text = _fail_safe(text)
         if cables != EIGHT:
             text = _CHANGES.get(file.name, lambda same, _: same)(text, cables)
         target = folder / file.name
         target.write_text(text, encoding="utf-8")
         written.append(target)
     return written
+
+
+def _fail_safe(text: str) -> str:
+    """Wire the switches so that a broken wire pays out: the bench's own file stays as it is."""
+    return re.sub(
+        r"(?m)^switch_active_low: .*$",
+        "switch_active_low: false      # contacts open when the cable pulls: a broken wire reads\n"
+        "                              # closed, so that its limb pays out (docs/safety.md)",
+        text,
+    )
 
 
 def _geometry(text: str, cables: int) -> str:

@@ -42,7 +42,8 @@ class CardConfig:
         output_limit: largest output [V].
         current_rate_limit: how fast a current may grow [A/s]; 0 for no limit. Never delays one
             that falls.
-        switch_active_low: True if a closed limit switch pulls its line low.
+        switch_active_low: True if a closed limit switch pulls its line low. A file without it
+            means True, as ever; a new rig's file says false, where a broken wire pays out.
         tare_samples: samples averaged for the sensor's bias after start, cables slack.
         watchdog: age of the newest motor current that zeroes the outputs [s].
         period: sampling period [s].

@@ -13,7 +13,7 @@ from cabols_hw.bridge.braking import STILL_M_S, STOP_TIME_S
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety import limb_rules, rules
 from cabols_hw.safety.config import SafetyConfig
-from cabols_hw.safety.faults import AXES, BridgeFault, same_kind
+from cabols_hw.safety.faults import AXES, POSE_LOST, BridgeFault, same_kind
 from cabols_hw.safety.limb_faults import alone_missing, cable_or_switch, limb_fault
 from cabols_hw.safety.pose import PoseWatch
 from cabols_hw.safety.rules import Rule
@@ -71,6 +71,7 @@ class SafetyEnvelope:
         self._last_s = np.nan
         self._missed_s = 0.0
         self._pose = PoseWatch(rig, config)
+        self._pose_lost = False
         self.fault: BridgeFault | None = None
 
     @property
@@ -82,6 +83,11 @@ class SafetyEnvelope:
         """
         bound: FloatArray = self._limbs["bound"]
         return bound
+
+    @property
+    def last_pose(self) -> tuple[FloatArray, FloatArray] | None:
+        """Newest pose of the platform that was used: (3,) [m] and (3, 3); None: none."""
+        return self._pose.place
 
     @property
     def speed(self) -> FloatArray:
@@ -147,6 +153,7 @@ class SafetyEnvelope:
         stopped = mode == OperatingMode.STOPPED
         if stopped:
             self._pose.rest()
+            self._pose_lost = False
         if (stopped or self.relieves(mode)) and not same_kind(self.fault, fault):
             self.fault = None
         self.trip(fault)
@@ -168,6 +175,7 @@ class SafetyEnvelope:
         """Accept a fault; of two the one with the harder reaction stays, else the first."""
         if fault is not None and (self.fault is None or fault.reaction > self.fault.reaction):
             self.fault = fault
+            self._pose_lost = self._pose_lost or fault.name in POSE_LOST
 
     def _find(
         self, now_s: float, dt_s: float, bridge: Bridge, mode: OperatingMode, recovers: bool
@@ -364,13 +372,16 @@ class SafetyEnvelope:
     ) -> bool:
         """Take a platform pose, to be judged with the next sample; see PoseWatch.hear.
 
+        After a fault of the pose none is used until STOPPED: the limbs would be unloaded by it.
+
         Args:
             now_s: when it arrived, on the card's clock [s].
             position: (3,) of the platform's origin, base frame [m].
             rotation: (3, 3) from platform to base axes.
             stamp_s: of which moment it is, on that clock; None: now_s [s].
         """
-        return self._pose.hear(now_s, position, rotation, stamp_s)
+        usable = self._pose.hear(now_s, position, rotation, stamp_s)
+        return usable and not self._pose_lost
 
     def allow_path(self, now_s: float, speed: float, turning: float) -> None:
         """Allow an announced path's speeds under load for a while; see PoseWatch.allow_path.

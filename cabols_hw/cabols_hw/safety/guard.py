@@ -208,6 +208,9 @@ class BridgeGuard:
             moved: whether limbs moved when it was found.
         """
         self._rest_all()
+        if fault.name in POSE_LOST and self.safety.last_pose is not None:
+            # What it seemed to do must not go on either.
+            bridge.set_pose(*self.safety.last_pose)
         if self._emergency or not (moved or mode in MOVING):
             return
         self._trusted = np.isfinite(self.safety.tension_bound)

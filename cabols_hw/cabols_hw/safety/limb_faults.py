@@ -43,7 +43,8 @@ def limb_fault(rule: Rule, i: int, limb: Any, limits: Any, config: SafetyConfig)
         Rule.SEARCH: (
             FaultName.SWITCH,
             f"wound in {1e3 * config.search_length:.0f} mm and its switch has not moved: "
-            "is it, its wire or its supply broken, or the cable too slack? Check the switch, "
+            "is it, its wire or its supply broken, switch_active_low of card.yaml the wrong way "
+            "round, or the cable too slack? Check the switch, "
             "take up the slack by hand, then start the bridge again",
         ),
         Rule.PAYOUT: (
@@ -53,7 +54,8 @@ def limb_fault(rule: Rule, i: int, limb: Any, limits: Any, config: SafetyConfig)
         ),
         Rule.SWITCH: (
             FaultName.SWITCH,
-            f"closed after paying out {1e3 * config.switch_payout:.0f} mm: stuck?",
+            f"closed after paying out {1e3 * config.switch_payout:.0f} mm: stuck, its wire broken, "
+            "or, where all are, switch_active_low of card.yaml the wrong way round?",
         ),
         Rule.CURRENT: (
             FaultName.CURRENT,

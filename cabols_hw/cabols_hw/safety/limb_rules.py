@@ -79,6 +79,7 @@ LIMB_WATCH = np.dtype(
         ("open_s", np.float64),  # how long the switch has been open [s]; 0: it is closed
         ("slack_s", np.float64),  # how long the switch has called it slack, in FREE_MOVING [s]
         ("farthest", np.float64),  # wound in since the switch opened, at most [m]
+        ("closed_from", np.float64),  # most stretch since the switch closed, in a search [m]
         ("slack_stretch", np.float64),  # stretch at which the cable would be slack [m]; NaN: start
         ("proven", np.int64),  # whether the switch has shown that, not only the start
         ("bound", np.float64),  # largest tension that fits all of that [N]
@@ -313,7 +314,7 @@ def judge_limbs(
         )
         if not acts:
             own["cable_s"] = own["current_s"] = own["motion_s"] = own["surge"] = 0.0
-            own["farthest"] = wound[i]
+            own["farthest"], own["closed_from"] = wound[i], reading["stretch"]
             continue
         share = abs(missing) * time_constant / gain / most["motion_current"]
         broken = (
@@ -330,7 +331,13 @@ def judge_limbs(
         own["slack_s"] = own["slack_s"] + dt_s if contradicts else 0.0
         if own["slack_s"] > SLACK_S:
             slack = i
-        stuck = closed[i] and not zeroed and paid_out > most["switch_payout"]
+        here = reading["stretch"]
+        if not closed[i] or zeroed or most["searches"] == 0 or here > own["closed_from"] or jumped:
+            own["closed_from"] = here
+        # What the gears hold may be taken off first, without a zero.
+        most_out = most["switch_payout"] + most["tension_max"] / most["stiffness"]
+        gives_way = paid_out > most["switch_payout"] or own["closed_from"] - here > most_out
+        stuck = closed[i] and not zeroed and gives_way
         saturated = abs(current[i]) >= 0.99 * most["current_limit"]
         own["cable_s"] = own["cable_s"] + dt_s if broken else 0.0
         own["current_s"] = own["current_s"] + dt_s if saturated else 0.0

@@ -39,6 +39,7 @@ class PoseWatch:
     """Compares every pose of the platform with the limits; times are of the card's clock.
 
     Attributes:
+        place: newest pose that was used, (3,) [m] and (3, 3); None: none.
         anew: whether a pose at rest did not continue the ones before: the robot was set up anew.
             Its reader sets it back.
     """
@@ -55,7 +56,7 @@ class PoseWatch:
         self._rotation = np.array(rig.geometry.reference_rotation)
         self._range = np.array(config.position_range)
         self._newest_s = np.nan
-        self._place: tuple[FloatArray, FloatArray] | None = None
+        self.place: tuple[FloatArray, FloatArray] | None = None
         self._window: tuple[float, float, FloatArray, FloatArray] | None = None
         self._speed = self._turning = 0.0
         self._fault: BridgeFault | None = None
@@ -124,8 +125,8 @@ class PoseWatch:
             return False
         self.anew = self.anew or jump is not None
         self._resting = False
-        self._place = np.array(position), np.array(rotation)
-        self._measure_speed(now_s, now_s if stamp_s is None else stamp_s, *self._place)
+        self.place = np.array(position), np.array(rotation)
+        self._measure_speed(now_s, now_s if stamp_s is None else stamp_s, *self.place)
         return True
 
     def rest(self) -> None:
@@ -188,13 +189,13 @@ class PoseWatch:
         self, now_s: float, position: FloatArray, rotation: FloatArray
     ) -> BridgeFault | None:
         config = self._config
-        if self._place is None:
+        if self.place is None:
             return BridgeFault(FaultName.POSE, "the platform's first pose")
         elapsed_s = now_s - self._newest_s
-        jump = float(np.linalg.norm(position - self._place[0]))
+        jump = float(np.linalg.norm(position - self.place[0]))
         if not jump <= config.pose_jump + config.speed_free * elapsed_s:
             return BridgeFault(FaultName.POSE, f"the platform's pose jumped by {1e3 * jump:.0f} mm")
-        turn = _angle_between(self._place[1], rotation)
+        turn = _angle_between(self.place[1], rotation)
         if not turn <= config.rotation_jump + config.rotation_speed_free * elapsed_s:
             return BridgeFault(
                 FaultName.POSE, f"the platform's pose turned by {turn:.3f} rad at once"

@@ -50,7 +50,8 @@ class Disturbance:
 
 
 RESTS = frozenset({"loading", "free"})
-SLACK = frozenset({"started", "pretightening"})
+ZEROING = frozenset({"pretightening"})
+SLACK = ZEROING | {"started"}
 FREE = frozenset({"free", "robot moves"})
 LIGHT = FREE | SLACK | frozenset({"loading"})
 """States in which nothing depends on a fault: at rest a frozen count is a right one, without zeros
@@ -60,13 +61,13 @@ within the envelope: whether a load is the one that was asked for, the bridge do
 DISTURBANCES = (
     Disturbance("cable breaks", at_highest("cable_break"), SENSOR_S, FREE | SLACK),
     Disturbance("switch stuck open", at_highest("switch_open"), SENSOR_S, FREE | SLACK),
-    Disturbance("switch stuck closed", injected("switch_closed"), LATE_S, RESTS | FREE | SLACK),
+    Disturbance("switch stuck closed", injected("switch_closed"), LATE_S, RESTS | FREE | ZEROING),
     Disturbance("all switches read open", several("switch_open", all_limbs), SEARCH_S, FREE),
     Disturbance(
         "all switches read closed",
         several("switch_closed", all_limbs),
         LATE_S,
-        RESTS | FREE | SLACK,
+        RESTS | FREE | ZEROING,
     ),
     Disturbance("encoder jumps", injected("encoder_jump", 0.003, 0.02, True), SOON_S),
     Disturbance("encoder frozen", injected("encoder_frozen"), LATE_S, RESTS),
