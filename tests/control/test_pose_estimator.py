@@ -47,6 +47,13 @@ def test_swapped_encoders_are_named_a_second_after_five_millimetres(pair):
     assert when <= began + 1.0 + PERIOD_S
 
 
+def test_encoders_exchanged_while_it_runs_are_named_too():
+    sources = Sources(9)
+    sources.run(9.0)
+    sources.order[[1, 6]] = 6, 1
+    assert until_named(sources, 1.0)[0] == Suspect(Fault.SWAPPED_ENCODERS, (1, 6))
+
+
 @pytest.mark.parametrize("tool", [[0.02, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, -0.015, 0.02, 0, 0, 0]])
 def test_wrong_tool_is_named_a_second_after_five_degrees(tool):
     sources = Sources(3, tool=tool, swing_rad=0.15, tension=(12.0, 5.0))

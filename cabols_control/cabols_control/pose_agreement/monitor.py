@@ -296,17 +296,12 @@ class AgreementMonitor:
             if suspect.fault is Fault.ROBOT_TOOL:
                 square, freedom = self._fit_tool(zero, frames, root, residual)
             else:
-                # A cable that slips has not yet slipped in the moments before.
-                late = suspect.fault is Fault.SLIPPED_CABLE
-                parts = [
-                    effect(suspect, frame, self.stiffness, not late or i >= before)
-                    for i, frame in enumerate(frames)
-                ]
-                left = root @ (residual - np.concatenate([fixed for fixed, _ in parts]))
-                free = root @ np.concatenate([column for _, column in parts])
-                if free.shape[1]:
-                    left = left - free @ np.linalg.lstsq(free, left, rcond=1e-12)[0]
-                square, freedom = float(left @ left), left.size - unknowns(suspect)
+                # A cable that slips has not yet slipped in the moments before; encoders may have
+                # been exchanged since zeroing, or just now.
+                slips = suspect.fault is Fault.SLIPPED_CABLE
+                since = [before] if slips else [0, before]
+                square = min(self._left(suspect, frames, at, root, residual) for at in since)
+                freedom = residual.size - unknowns(suspect)
             if square <= chi2.isf(DOUBTFUL, freedom):
                 fitting.append(suspect)
         chosen = fitting[0] if len(fitting) == 1 else None
@@ -317,6 +312,24 @@ class AgreementMonitor:
             chosen = self._judged[0]
             return chosen, (chosen,) if chosen is not None else tuple(fitting)
         return chosen, tuple(fitting)
+
+    def _left(
+        self,
+        suspect: Suspect,
+        frames: list[Frame],
+        since: int,
+        root: FloatArray,
+        residual: FloatArray,
+    ) -> float:
+        """Sum of squares that a suspect among the limbs leaves, wrong from one moment on."""
+        parts = [
+            effect(suspect, frame, self.stiffness, i >= since) for i, frame in enumerate(frames)
+        ]
+        left = root @ (residual - np.concatenate([fixed for fixed, _ in parts]))
+        free = root @ np.concatenate([column for _, column in parts])
+        if free.shape[1]:
+            left = left - free @ np.linalg.lstsq(free, left, rcond=1e-12)[0]
+        return float(left @ left)
 
     def _fit_tool(
         self, zero: Frame, frames: list[Frame], root: FloatArray, residual: FloatArray
