@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
+from xml.parsers.expat.errors import XML_ERROR_UNBOUND_PREFIX, codes
 
 import defusedxml.ElementTree as Xml
 import numpy as np
@@ -88,7 +89,7 @@ def read_serial_arm(
     try:
         root = Xml.parse(str(path)).getroot()
     except (OSError, ParseError, DefusedXmlException, ValueError, LookupError) as error:
-        _refuse_xacro(path, "unbound prefix" in str(error))
+        _refuse_xacro(path, getattr(error, "code", 0) == codes[XML_ERROR_UNBOUND_PREFIX])
         raise ConfigError(f"{path}: expected a URDF, got {error}") from error
     _refuse_xacro(path, any("xacro" in str(one.tag) for one in root.iter()) or _holds_terms(root))
     if root.tag != "robot":

@@ -104,7 +104,7 @@ class ConsoleNode(ControlNode):
             configurations=configurations,
             scene=scene_numbers(self.rig, scene),
             cables=self.rig.geometry.cables,
-            rig=f"{self.rig_folder.name}, configuration {self.rig_folder.fingerprint}",
+            rig=f"{self.rig_folder.name}, files {self.rig_folder.fingerprint}",
         )
 
     def _open_foxglove(self, scene: SceneConfig) -> FoxgloveLink | None:

@@ -43,7 +43,8 @@ def to_urdf(path: str | Path, robot: RobotModel, springs: Springs, command: Floa
              if one.find("springStiffness") is not None]  # fmt: skip
     twice = [name for name in there if name in robot.joint_names]
     if lost or twice:
-        what = f"no joint {', '.join(lost)}" if lost else f"springs of {', '.join(twice)} already"
+        told = ", ".join(lost or twice)
+        what = f"none named {told}" if lost else f"springs of {told} already"
         raise ConfigError(f"{path}: expected the robot's URDF without springs, got {what}")
     for j, name in enumerate(robot.joint_names):
         extension = SubElement(root, "gazebo", reference=name)

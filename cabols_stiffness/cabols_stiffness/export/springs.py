@@ -60,7 +60,7 @@ def springs_of(result: StiffnessResult, robot: RobotModel) -> Springs:
         rungs = [
             block.rung.value for block in result.elastic.arm.blocks if block.rung.value != "joints"
         ]
-        left.append(f"what gives way besides the joints ({', '.join(rungs)})")
+        left.append(f"besides the joints what gives way: {', '.join(rungs)}")
     elif result.model != LINEAR:
         left.append(f"the {result.model} part of the joints' law")
     return Springs(result.stiffness, np.maximum(result.friction, 0.0), tuple(left))

@@ -31,6 +31,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.files.plain_numbers import plain_number
+from cabols_control.naming import number
 from cabols_control.serial_arm import SerialArm
 from cabols_stiffness.data_files.cells import read_cells
 from cabols_stiffness.data_files.unit_words import ANGLE, LENGTH
@@ -74,12 +75,10 @@ def read_dh(path: str | Path, locked: Mapping[str, float] | None = None) -> Seri
             f"{path}: locked: expected none for a table of parameters, got {', '.join(locked)}; "
             "leave the joint out and put its position into the parameters"
         )
+    name, convention, rows = _content(Path(path))
     try:
-        name, convention, rows = _content(Path(path))
-        joints = [_row(row, i) for i, row in enumerate(rows, 1)]
+        joints = [_row(row, i) for i, row in enumerate(rows)]
     except CabolsError as error:
-        if str(path) in str(error):
-            raise
         raise ConfigError(f"{path}: {error}") from error
     known = (STANDARD, MODIFIED)
     if convention not in known:
@@ -106,15 +105,15 @@ def _content(path: Path) -> tuple[str, str, list[dict[str, Any]]]:
     listed = isinstance(joints, list) and all(isinstance(one, dict) for one in joints)
     if unknown or not listed or not joints:
         raise ConfigError(
-            "expected name, convention and joints (a list of a, alpha, d, theta with their units "
-            f"in the names), got {', '.join(map(str, content)) or 'nothing'}"
+            f"{path}: expected name, convention and joints (a list of a, alpha, d, theta with "
+            f"their units in the names), got {', '.join(map(str, content)) or 'nothing'}"
         )
     return str(content.get("name", path.stem)), str(content.get("convention", "")), joints
 
 
-def _row(row: Mapping[str, Any], number: int) -> _Row:
+def _row(row: Mapping[str, Any], index: int) -> _Row:
     kind = str(row.get("type", TURNS[0])).strip().lower()
-    slides, name = kind == SLIDES, str(row.get("name", row.get("joint", f"joint_{number}")))
+    slides, name = kind == SLIDES, str(row.get("name", row.get("joint", f"joint_{number(index)}")))
     if kind not in (*TURNS, SLIDES):
         raise ConfigError(
             f"{name}: type: expected one of {', '.join((*TURNS, SLIDES))}, got {kind!r}"

@@ -167,10 +167,7 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
         if not np.isfinite(found_s) and rig.guard.fault is not fault_before:
             found_s = rig.now_s
             end_s = min(end_s, found_s + AFTER_S)
-    times = np.array([row[0] for row in rows])
-    tension = np.array([row[1] for row in rows])
-    wrenches = np.array([row[2] for row in rows])
-    way = np.array([row[3] for row in rows])
+    times, tension, wrenches, way = (np.array(column) for column in zip(*rows, strict=True))
     lengthened = np.cumsum(np.maximum(np.diff(way, axis=0, prepend=way[:1]), 0.0), axis=0)
     by_robot = float(rig.rig.limbs.stiffness) * lengthened
     change = wrenches - wrench
