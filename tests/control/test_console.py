@@ -498,7 +498,7 @@ def test_held_load_is_what_zeros_and_switches_show(tension, zeroed, closed, said
 
 
 def test_page_shows_with_which_configuration_the_rig_was_started():
-    assert "bench, configuration 0123456789ab" in health_html("bench, configuration 0123456789ab")
+    assert "bench, fingerprint 0123456789ab" in health_html("bench, fingerprint 0123456789ab")
     assert "<b>" not in health_html("<b>")
 
 
