@@ -14,9 +14,11 @@ from cabols_control.bringup.specs import Argument, NodeSpec, Role, give
 from cabols_control.topics import TOPICS
 from cabols_sim.bringup_nodes import bench_graph
 
-OF_THE_GRAPH = {"record", "console", "campaign", "robot", "lockstep", "frames"} | {"pose_estimator"}
+OF_THE_GRAPH = {
+    *("record", "console", "campaign", "robot", "lockstep", "frames", "pose_estimator"),
+}
 """Arguments that no node gets: they say which nodes there are."""
-OF_ALL = {"params_file", "namespace", "log_level"}
+OF_ALL = {"params_file", "namespace", "log_level", "nodes"}
 """Arguments that are no node's parameter: see params_file.complete."""
 CONTROL = [*sorted(Path(bringup.__file__).parent.glob("*.py")), Path(bringup_nodes.__file__)]
 
