@@ -44,6 +44,8 @@ RULES: tuple[tuple[str, str, str], ...] = (
      "sets up a system or a ROS 2 workspace"),
     (r"(make rt-check|ros2 run cabols_control rt_check)", LEAVE, "says what this computer lacks"),
     (r"ros2 (launch|service|action|topic|bag)\b", LEAVE, "needs the ros2 command of ROS 2"),
+    (r"pip install \./", LEAVE, "into another environment than this one"),
+    (r"cabols-stiffness ", LEAVE, "needs a laboratory's files"),
     (r"python -m pip install", LEAVE, "into the environment of a ROS 2 installation"),
     (r".*(<[a-z ]+>|\.\.\.)", LEAVE, "has a place to fill in"),
     (r"\(umask", LEAVE, "writes into the home folder"),

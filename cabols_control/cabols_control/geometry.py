@@ -99,7 +99,11 @@ class RigGeometry:
     def _set_pulleys(self) -> None:
         """Check radii and axes; a rig without pulleys has zeros and no axes."""
         set_field, n = object.__setattr__, self.cables
-        radius = one_or_each("pulley_radius", self.pulley_radius, n).copy()
+        given = self.pulley_radius
+        # Zeros of another number of cables, too: what replace() keeps of a rig without pulleys.
+        if np.ndim(given) == 1 and not np.ma.is_masked(given) and not np.any(given):
+            given = 0.0
+        radius = one_or_each("pulley_radius", given, n).copy()
         if not radius.any():
             set_field(self, "pulley_radius", radius)
             set_field(self, "pulley_axes", None)

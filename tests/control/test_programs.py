@@ -54,7 +54,7 @@ def test_scaled():
         ("", "expected the header"),
         ("a,b\n1,2\n", "expected the header"),
         ("{h}\n0,0,0,0,0,0\n", "line 2: expected 7"),
-        ("{h}\n0,0,0,0,0,0,x\n", "line 2: could not convert"),
+        ("{h}\n0,0,0,0,0,0,x\n", "line 2: expected a number"),
         ("{h}\n0,0,0,0,0,0,nan\n", "line 2: expected 7 finite"),
         ("{h}\n0,0,0,0,0,0,0\n", "at least two lines"),
         ("{h}\n0,0,0,0,0,0,0\n0,1,0,0,0,0,0\n", "increasing"),

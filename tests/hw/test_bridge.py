@@ -37,7 +37,7 @@ def sample(encoders=0, analog=0.0, high=True):
 
 @pytest.fixture
 def bridge(rig, card):
-    return Bridge(rig, card)
+    return Bridge(rig, card, CLOSINGS)
 
 
 def test_wound_length_survives_the_counters_wrap(bridge, card):

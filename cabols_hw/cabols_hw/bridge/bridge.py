@@ -58,14 +58,21 @@ class Bridge:
         cable_acceleration: (n,) likewise [m/s^2].
     """
 
-    def __init__(self, rig: Rig, card: CardConfig) -> None:
-        """Start unzeroed and untared at the reference pose."""
+    def __init__(self, rig: Rig, card: CardConfig, closings: int = 1) -> None:
+        """Start unzeroed and untared at the reference pose.
+
+        Args:
+            rig: whose samples come.
+            card: that gives them.
+            closings: of a switch before one sets its limb's zero; see scaling.CLOSINGS.
+        """
         n = rig.geometry.cables
         self._rig = rig
         self._card = card
         self._cables = rig.geometry.records()
         self._work = limb_reading_work(n)
         self._work["counts_per_metre"] = card.counts_per_metre
+        self._work["wanted_closings"] = closings
         self._work["stiffness"] = rig.limbs.stiffness
         self._work["switch_elongation"] = rig.limbs.switch_tension / rig.limbs.stiffness
         self._started = False
@@ -234,9 +241,9 @@ class Bridge:
     def take(self, sample: CardSample, mode: OperatingMode, zeroing: int = 0) -> None:
         """Update all attributes from one sample.
 
-        In PRETIGHTENING the sample at which a limb's switch closes (from open) for the third time
-        sets its zero: there the tension is the switch's 4.7 N, so that elongation counts from the
-        unloaded spring. Why not the first: see scaling.CLOSINGS.
+        In PRETIGHTENING the sample at which a limb's switch closes (from open), the first time or
+        a later one (`closings`), sets its zero: there the tension is the switch's 4.7 N, so that
+        elongation counts from the unloaded spring.
         When the mode becomes PRETIGHTENING, or its number changes, all zeros are dropped.
 
         Args:

@@ -13,9 +13,11 @@ from cabols_hw.card.config import ENCODER_MODULUS
 
 HALF_MODULUS = ENCODER_MODULUS // 2
 CLOSINGS = 3
-"""Closings of a switch before one sets its limb's zero. Until then the limb pays out while it is
-closed. Of two limbs whose switches are exchanged each moves by the other's: one then pays out and
-the other winds in, ever farther, but for a zero that both find at the same instant."""
+"""Closings of a switch before one sets its limb's zero, on a rig that runs.
+
+Until then the limb pays out while it is closed. Of two limbs whose switches are exchanged each
+moves by the other's: one then pays out and the other winds in, ever farther, but for a zero that
+both find at one instant."""
 
 
 LIMB_READING = np.dtype(
@@ -53,6 +55,7 @@ def _reading_dtype(cables: int) -> Any:
         ("counts_per_metre", np.float64),
         ("switch_elongation", np.float64),  # where a switch closes [m]
         ("stiffness", np.float64),  # k_e [N/m]
+        ("wanted_closings", np.int64),  # of a switch before one sets its limb's zero
         ("sets_zeros", np.int64),  # whether switches that close set their limbs' zeros
         ("limbs", LIMB_READING, (cables,)),
     ]
@@ -86,7 +89,7 @@ def limbs_into(
         closed: (n,) switches.
         length: (n,) of cable between its points [m].
         work: (1,) record of limb_reading_work; updated. Counts grow by the counters' change; where
-            it sets zeros, a switch that closes for the CLOSINGS-th time sets its limb's.
+            it sets zeros, a switch that has closed `wanted_closings` times sets its limb's.
         zeroed: (n,) whether the zero is known; updated.
         wound: (n,) wound length, filled [m].
         elongation: (n,) filled [m].
@@ -104,7 +107,7 @@ def limbs_into(
         stretch = wound[i] + length[i]
         if sets_zeros and closed[i] and not limb["was_closed"] and not zeroed[i]:
             limb["closings"] += 1
-            if limb["closings"] >= CLOSINGS:
+            if limb["closings"] >= own["wanted_closings"]:
                 limb["zero"] = stretch - own["switch_elongation"]
                 zeroed[i] = True
         limb["was_closed"] = closed[i]

@@ -20,6 +20,7 @@ from cabols_control.ros.stops import StopLatch
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
 from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.bridge.scaling import CLOSINGS
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
@@ -72,7 +73,7 @@ class BridgeNode(ControlNode):
         self.daq = make_daq(self, self.rig, self._card)
         geometry = self.rig.geometry
         n = geometry.cables
-        self.bridge = Bridge(self.rig, self._card)
+        self.bridge = Bridge(self.rig, self._card, CLOSINGS)
         self._bias_keeper = BiasKeeper(self, self.bridge, self._card, self.is_rig)
         self._notice: Fault | None = None
         self._watchdog_s = declare_row(self, HW_NODES.argument("watchdog")) or self._card.watchdog

@@ -15,6 +15,7 @@ from cabols_control.rig import Rig
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 from cabols_hw.bridge.bridge import Bridge
+from cabols_hw.bridge.scaling import CLOSINGS
 from cabols_hw.card.config import CardConfig
 from cabols_hw.force_torque.sensor_bias import SensorBias
 from cabols_hw.safety.config import SafetyConfig
@@ -140,7 +141,7 @@ class LockstepRig:
             bias: of the sensor, that was kept; None: there is none.
         """
         rig = self.rig
-        self.bridge = Bridge(rig, self._card_config)
+        self.bridge = Bridge(rig, self._card_config, CLOSINGS)
         if bias is not None:
             self.bridge.adopt_bias(bias)
         self.guard = BridgeGuard(rig, self._safety, self._card_config.watchdog)
