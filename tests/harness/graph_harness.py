@@ -112,6 +112,11 @@ class Watcher:
         """Modes seen so far."""
         return [message.mode for message in self.seen["mode"]]
 
+    def reasons(self, mode: int) -> list[str]:
+        """Why a mode was entered, each once, for a failure's message."""
+        said = [message.reason for message in self.seen["mode"] if message.mode == mode]
+        return list(dict.fromkeys(said))
+
     def close(self) -> None:
         """End the watcher."""
         self.context.try_shutdown()

@@ -85,7 +85,7 @@ def test_a_second_rig_in_the_same_namespace_is_refused_and_disturbs_nothing():
     assert found["first"], said
     assert 2 in found["codes"].values(), said
     assert "running already" in said
-    assert Mode.FAULT not in watcher.modes()
+    assert Mode.FAULT not in watcher.modes(), (watcher.reasons(Mode.FAULT), said)
     assert ended.first == "", lines[-20:]
     assert set(ended.codes.values()) == {0}
 
