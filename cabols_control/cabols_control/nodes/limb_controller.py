@@ -106,7 +106,7 @@ class LimbControllerNode(ControlNode):
         """Refuse to start beside another node that drives one of these limbs."""
         if self._role is not None:
             limbs = set(self._controller.limbs.tolist())
-            self._role.check(lambda message: bool(limbs & set(message.limb)))
+            self._role.check(lambda message: bool(limbs & set(message.limb)), limbs)
 
     def begin(self) -> None:
         """Start the loop."""

@@ -219,6 +219,11 @@ class ControlNode(Node):
         if self._role is not None:
             self._role.check()
 
+    def leave_role(self) -> None:
+        """Let another process have this node's role."""
+        if self._role is not None:
+            self._role.leave()
+
     def prepare_thread(self) -> None:
         """Prepare the control thread before its first cycle: readers, garbage, scheduling."""
         self._wait_for_readers()
@@ -321,6 +326,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
         failure = node.failure
         executor.remove_node(node)
         node.destroy_node()
+        node.leave_role()
         rclpy.try_shutdown()
         end_signals.ignore()
     if failure is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from cabols_control.errors import CabolsError
 from cabols_control.ros.ending import go_on
+from cabols_control.ros.host_claim import HostClaim
 from cabols_control.ros.loop import subscribe_aside
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.threads.node_executor import taken_or_none
@@ -46,9 +47,10 @@ class RoleTakenError(CabolsError):
 
 
 class RoleCheck:
-    """Listens on the topic that only a node in this role publishes.
+    """Claims a role on this host, and listens on the topic that only a node in it publishes.
 
-    The graph cannot say it: a node that was killed is still listed there for its lease.
+    The claim is certain and at once, however busy the computer is; who runs on another host is
+    heard. The graph cannot say it: a node that was killed is still listed there for its lease.
     """
 
     def __init__(self, node: Node, topic: str) -> None:
@@ -60,21 +62,32 @@ class RoleCheck:
         """
         self._node = node
         self._topic = topic
+        self._claim = HostClaim()
         self._type = message_type(topic)
         self._subscription = subscribe_aside(node, self._type, topic, topic_qos(topic), raw=False)
         self._until_s = time.monotonic() + LISTEN_S
 
-    def check(self, concerns: Callable[[Any], bool] = lambda _: True) -> None:
-        """Wait for the rest of the time, then stop listening.
+    def check(
+        self, concerns: Callable[[Any], bool] = lambda _: True, parts: Iterable[object] = ("whole",)
+    ) -> None:
+        """Claim the role, wait for the rest of the time, then stop listening.
 
         Args:
             concerns: whether a message is of this very role, e.g. of the same limbs.
+            parts: of the role that are claimed, e.g. limbs.
 
         Raises:
-            RoleTakenError: if another node publishes on the topic.
+            RoleTakenError: if another node of this host has the role, or one publishes on the
+                topic.
             EndedEarly: if the process is asked to end meanwhile.
         """
         node, handle = self._node, self._subscription.handle
+        where = f"{node.context.get_domain_id()} {node.get_namespace()} {self._topic}"
+        if not all(self._claim.take(f"{where} {part}") for part in parts):
+            raise RoleTakenError(
+                f"{self._topic}: expected no other node of this computer that publishes it, got "
+                f"one that holds this role; is a {node.get_name()} running already?"
+            )
         began_s = time.monotonic()
         until_s = max(self._until_s, began_s + LATE_S)
         try:
@@ -96,6 +109,10 @@ class RoleCheck:
                 until_s += max(time.monotonic() - slept_s - 2.0 * TURN_S, 0.0)
         finally:
             node.destroy_subscription(self._subscription)
+
+    def leave(self) -> None:
+        """Give the role back."""
+        self._claim.release()
 
 
 def _names(node: Node, topic: str) -> str:
