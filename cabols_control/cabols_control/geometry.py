@@ -101,8 +101,9 @@ class RigGeometry:
         set_field, n = object.__setattr__, self.cables
         given = self.pulley_radius
         # Zeros of another number of cables, too: what replace() keeps of a rig without pulleys.
-        if np.ndim(given) == 1 and not np.ma.is_masked(given) and not np.any(given):
-            given = 0.0
+        own = isinstance(given, np.ndarray) and given.dtype == np.float64 and given.ndim == 1
+        if own and given.size and not np.ma.is_masked(given) and not given.any():
+            given = np.zeros(n)
         radius = one_or_each("pulley_radius", given, n).copy()
         if not radius.any():
             set_field(self, "pulley_radius", radius)

@@ -60,11 +60,13 @@ def test_each_of_two_rigs_runs_as_if_it_were_alone(tmp_path):
     for process in running:
         found, said = outcome(process)
         assert (found["first"], found["code"]) == ("plant", 0), said
-    for name, seed in seeds.items():
-        alone = tmp_path / f"{name}_alone"
-        found, said = outcome(start(next_environment(), **lockstep(alone, seed)))
+    alone = {name: tmp_path / f"{name}_alone" for name in seeds}
+    running = [start(next_environment(), **lockstep(alone[n], seeds[n])) for n in seeds]
+    for process in running:
+        found, said = outcome(process)
         assert (found["first"], found["code"]) == ("plant", 0), said
-        assert payload_digest(tmp_path / name) == payload_digest(alone)
+    for name in seeds:
+        assert payload_digest(tmp_path / name) == payload_digest(alone[name])
         assert read_bag(tmp_path / name).metadata["namespace"] == f"/{name}"
     assert payload_digest(tmp_path / "rig1") != payload_digest(tmp_path / "rig2")
 
