@@ -44,6 +44,12 @@ def _own(name: str, value: FloatArray, shape: tuple[int | None, ...]) -> FloatAr
     return finite_array(name, value, shape).copy()
 
 
+def _unmasked_zeros(array: FloatArray) -> bool:
+    """Whether an array is (m,) zeros, as the radii of a geometry without pulleys."""
+    plain = array.dtype == np.float64 and array.ndim == 1 and not np.ma.is_masked(array)
+    return bool(plain and array.size and not array.any())
+
+
 @dataclass(frozen=True, eq=False)
 class RigGeometry:
     """Attachment points of n cables and the pose that the rig is built around.
@@ -101,8 +107,7 @@ class RigGeometry:
         set_field, n = object.__setattr__, self.cables
         given = self.pulley_radius
         # Zeros of another number of cables, too: what replace() keeps of a rig without pulleys.
-        own = isinstance(given, np.ndarray) and given.dtype == np.float64 and given.ndim == 1
-        if own and given.size and not np.ma.is_masked(given) and not given.any():
+        if isinstance(given, np.ndarray) and given.shape != (n,) and _unmasked_zeros(given):
             given = np.zeros(n)
         radius = one_or_each("pulley_radius", given, n).copy()
         if not radius.any():
