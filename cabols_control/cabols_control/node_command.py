@@ -72,10 +72,10 @@ def tool(module: str, parser: Callable[[], CommandParser]) -> Callable[[], int]:
     """
 
     def entry() -> int:
-        if missing := without_ros():
-            return fail(missing, USAGE)
         words, _ = split_ros_arguments(sys.argv[1:])
         parser().parse_args(words)
+        if missing := without_ros():
+            return fail(missing, USAGE)
         return int(importlib.import_module(module).main())
 
     return entry

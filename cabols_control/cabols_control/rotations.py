@@ -71,3 +71,16 @@ def read_pose(pose: FloatArray) -> tuple[FloatArray, FloatArray] | None:
     # A copy: read-only arrays, as of a message's bytes, would need other compiled code.
     own, rotation = np.array(pose, dtype=np.float64), np.empty((3, 3))
     return (own[:3], rotation) if _read_pose(own, rotation) else None
+
+
+def angle_between(one: FloatArray, other: FloatArray) -> float:
+    """Return the angle [rad] between two orientations; NaN if one is not finite.
+
+    By the chord between them: the arc cosine of the trace has no digits left near zero.
+
+    Args:
+        one: (3, 3) rotation matrix.
+        other: likewise.
+    """
+    chord = float(np.linalg.norm(other - one)) / np.sqrt(8.0)
+    return 2.0 * float(np.arcsin(min(chord, 1.0))) if chord == chord else np.nan

@@ -7,12 +7,12 @@ from collections import deque
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.run_report.vector_errors import IDLE, KINDS, lengths, lengths_where, rms, sizes
 
 KEPT = 20_000
 """Errors that are kept: a quarter of an hour of frames."""
 HELD_S = 0.2
 """Time without a command after which the next one is of another programme [s]."""
-IDLE = 1e-9
 
 
 class ErrorMeter:
@@ -78,14 +78,9 @@ class ErrorMeter:
         errors, idle = np.array(self._errors), np.array(self._idle)
         found: list[float] = []
         left: list[float] = []
-        for axes in (slice(0, 3), slice(3, 6)):
-            size = np.linalg.norm(errors[:, axes], axis=1)
-            found += [float(np.sqrt(np.mean(size**2))), float(np.percentile(size, 95.0))]
-            found.append(float(size.max()))
-            rows = idle[:, axes].any(axis=1)
-            spared = np.where(idle[:, axes], errors[:, axes], 0.0)[rows]
-            square = np.mean(np.sum(spared**2, axis=1)) if rows.any() else np.nan
-            left.append(float(np.sqrt(square)))
+        for _, axes in KINDS:
+            found += sizes(lengths(errors[:, axes]))
+            left.append(rms(lengths_where(errors[:, axes], idle[:, axes])))
         return found + left
 
     def text(self) -> str:

@@ -35,6 +35,7 @@ from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.load_programs.preview import PERIOD_S, ShapedProgram, aim_at
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import Rig
+from cabols_control.rotations import angle_between
 
 GAIN = 0.7
 ROBUST_HZ, ROBUST_ORDER = 10.0, 4
@@ -93,9 +94,7 @@ def is_same_place(one: Place, other: Place, most: tuple[float, float] = SAME_PLA
         most: distance [m] and angle [rad] that count as none.
     """
     away = float(np.linalg.norm(np.subtract(one[0], other[0])))
-    # The norm of a difference of rotations is sqrt(8) times the sine of half their angle.
-    turned = float(np.linalg.norm(np.subtract(one[1], other[1]))) / np.sqrt(8.0)
-    return bool(away <= most[0] and turned <= np.sin(0.5 * most[1]))
+    return away <= most[0] and angle_between(one[1], other[1]) <= most[1]
 
 
 def fingerprint(asked: LoadProgram, frame: bytes, bandwidth: float, rig: Rig) -> str:

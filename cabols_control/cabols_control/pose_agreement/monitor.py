@@ -21,6 +21,7 @@ from scipy.stats import chi2
 from cabols_control.checks import FloatArray
 from cabols_control.geometry import RigGeometry
 from cabols_control.kinematics import structure_matrix
+from cabols_control.rotations import angle_between
 
 from .hypotheses import (
     Fault,
@@ -40,7 +41,6 @@ from .noise import (
     Baseline,
     joint_covariance,
     nearest_to_predecessor,
-    turn_between,
 )
 from .tracker import Compared, Reading, TrackerAgreement
 
@@ -188,7 +188,7 @@ class AgreementMonitor:
             self._frames.append(frame)
             if len(self._frames) > FRAMES:
                 del self._frames[nearest_to_predecessor(self._frames)]
-            self._most_turned = max(self._most_turned, turn_between(rotation, self._zero.rotation))
+            self._most_turned = max(self._most_turned, angle_between(rotation, self._zero.rotation))
             self._gathered += 1
             # What is named by much data is looked at again now and then.
             if self._gathered <= FRAMES or self._gathered % AGAIN == 0:
@@ -379,7 +379,7 @@ def _differs(frame: Frame, kept: list[Frame]) -> bool:
     if not kept:
         return True
     moved = float(np.linalg.norm(frame.position - kept[-1].position))
-    turned = turn_between(frame.rotation, kept[-1].rotation)
+    turned = angle_between(frame.rotation, kept[-1].rotation)
     pulled = float(np.linalg.norm(frame.tension - kept[-1].tension))
     return bool(moved > APART_M or turned > APART_RAD or pulled > APART_N)
 

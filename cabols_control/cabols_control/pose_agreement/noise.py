@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.rotations import angle_between
 
 from .hypotheses import Frame
 from .tracker import CORRELATED_M, CORRELATED_RAD, TrackerNoise
@@ -174,18 +175,7 @@ def nearest_to_predecessor(frames: list[Frame]) -> int:
     """
     gaps = [
         float(np.linalg.norm(one.position - two.position)) / APART_M
-        + turn_between(one.rotation, two.rotation) / APART_RAD
+        + angle_between(one.rotation, two.rotation) / APART_RAD
         for one, two in zip(frames[1:-1], frames[:-2], strict=True)
     ]
     return 1 + int(np.argmin(gaps))
-
-
-def turn_between(first: FloatArray, second: FloatArray) -> float:
-    """Angle between two orientations [rad].
-
-    Args:
-        first: (3, 3).
-        second: (3, 3).
-    """
-    chord = float(np.linalg.norm(first - second)) / np.sqrt(8.0)
-    return 2.0 * float(np.arcsin(min(chord, 1.0)))

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.checks import FloatArray
 from cabols_control.run_report.run import BenchRun
-
-IDLE = 1e-9
-"""Command below which an axis counts as idle: it is commanded to zero [N, N m]."""
-KINDS = (("force_n", slice(0, 3)), ("torque_nm", slice(3, 6)))
+from cabols_control.run_report.vector_errors import IDLE, KINDS, lengths, lengths_where, rms, sizes
 
 
 def error_numbers(run: BenchRun) -> dict[str, float]:
@@ -34,35 +31,20 @@ def error_numbers(run: BenchRun) -> dict[str, float]:
     idle = (np.abs(command) < IDLE) & (np.abs(smoothed) < IDLE)
     found: dict[str, float] = {"preview_lead_s": program.lead}
     for kind, axes in KINDS:
-        found |= _numbers("command", kind, _lengths(error[:, axes]))
+        found |= _numbers("command", kind, lengths(error[:, axes]))
         asked = ~idle[:, axes]
-        found |= _numbers("asked", kind, _lengths_where(error[:, axes], asked))
-        found |= _numbers("idle", kind, _lengths_where(error[:, axes], idle[:, axes]))
-        found |= _numbers("smoothed", kind, _lengths(deviation[:, axes]))
+        found |= _numbers("asked", kind, lengths_where(error[:, axes], asked))
+        found |= _numbers("idle", kind, lengths_where(error[:, axes], idle[:, axes]))
+        found |= _numbers("smoothed", kind, lengths(deviation[:, axes]))
         for axis, letter in enumerate("xyz"):
-            found[f"command_error_rms_{letter}_{kind}"] = _rms(error[:, axes][:, axis])
+            found[f"command_error_rms_{letter}_{kind}"] = rms(error[:, axes][:, axis])
     return found
 
 
-def _lengths(error: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(error, axis=1))
-
-
-def _lengths_where(error: FloatArray, chosen: BoolArray) -> FloatArray:
-    """Lengths in the chosen axes alone, of the samples that have one."""
-    return _lengths(np.where(chosen, error, 0.0)[chosen.any(axis=1)])
-
-
-def _rms(error: FloatArray) -> float:
-    return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
-
-
 def _numbers(name: str, kind: str, error: FloatArray) -> dict[str, float]:
-    if not error.size:
-        return {f"{name}_error_{part}_{kind}": float("nan") for part in ("rms", "p95", "max")}
-    size = np.abs(error)
+    found = sizes(error)
     return {
-        f"{name}_error_rms_{kind}": _rms(size),
-        f"{name}_error_p95_{kind}": float(np.percentile(size, 95.0)),
-        f"{name}_error_max_{kind}": float(size.max()),
+        f"{name}_error_rms_{kind}": found.rms,
+        f"{name}_error_p95_{kind}": found.p95,
+        f"{name}_error_max_{kind}": found.largest,
     }

@@ -8,6 +8,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
+from cabols_control.rotations import angle_between
 from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import LOADED, OperatingMode
 from cabols_hw.safety.config import SafetyConfig
@@ -177,7 +178,7 @@ class PoseWatch:
                 f"the platform is {1e3 * offset[axis]:.0f} mm off its reference in {AXES[axis]}, "
                 f"{1e3 * self._range[axis]:.0f} mm allowed",
             )
-        angle = _angle_between(self._rotation, rotation)
+        angle = angle_between(self._rotation, rotation)
         if not angle <= config.rotation_range:
             return BridgeFault(
                 FaultName.POSE,
@@ -195,7 +196,7 @@ class PoseWatch:
         jump = float(np.linalg.norm(position - self.place[0]))
         if not jump <= config.pose_jump + config.speed_free * elapsed_s:
             return BridgeFault(FaultName.POSE, f"the platform's pose jumped by {1e3 * jump:.0f} mm")
-        turn = _angle_between(self.place[1], rotation)
+        turn = angle_between(self.place[1], rotation)
         if not turn <= config.rotation_jump + config.rotation_speed_free * elapsed_s:
             return BridgeFault(
                 FaultName.POSE, f"the platform's pose turned by {turn:.3f} rad at once"
@@ -216,14 +217,5 @@ class PoseWatch:
             elapsed_s = now_s - arrived_s
         if elapsed_s >= SPEED_WINDOW_S:
             self._speed = float(np.linalg.norm(position - where)) / elapsed_s
-            self._turning = _angle_between(turned, rotation) / elapsed_s
+            self._turning = angle_between(turned, rotation) / elapsed_s
             self._window = window
-
-
-def _angle_between(one: FloatArray, other: FloatArray) -> float:
-    """Return the angle [rad] between two orientations (3, 3).
-
-    By the chord between them: the arc cosine of the trace has no digits left near zero.
-    """
-    chord = float(np.linalg.norm(other - one)) / np.sqrt(8.0)
-    return 2.0 * float(np.arcsin(min(chord, 1.0))) if chord == chord else np.nan
