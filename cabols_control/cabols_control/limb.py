@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize_scalar
 
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import ShapeError
@@ -182,6 +181,8 @@ def _search(cost: Callable[[float], float]) -> float:
     grid = np.linspace(low, high, 40)
     best = int(np.argmin([cost(value) for value in grid]))
     bracket = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])
+    from scipy.optimize import minimize_scalar  # 0.1 s; only identification needs it
+
     found = minimize_scalar(cost, bounds=bracket, method="bounded", options={"xatol": 1e-10})
     return float(found.x)
 

@@ -12,7 +12,7 @@ from cabols_control.limb_control.controller import LimbController, LimbSample, T
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
-from cabols_control.tension import distribute
+from cabols_control.tension import calls, distribute
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 from cabols_control.wrench_frames import platform_axes
 
@@ -91,6 +91,7 @@ def main() -> None:
     warm_limbs(rig)
     warm_commissioning(rig)
     warm_wrenches(rig)
+    calls.load_all()
     matrix = np.random.default_rng(0).normal(size=(6, rig.geometry.cables))
     distribute(matrix, np.zeros(6), 1.0, 100.0)
     distribute(matrix, np.full(6, 1e4), 1.0, 100.0)

@@ -5,6 +5,8 @@ So there are few arguments, and status and iterations come back in one integer.
 
 from __future__ import annotations
 
+import sys
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -215,10 +217,34 @@ def _entry(function: Any, *ranks: int) -> Entry:
     return entry
 
 
-solve_entry = _entry(_solve_call, 1, 1, 1, 1)
-detect_entry = _entry(_detect_call, 1, 1)
-solve_at_entry = _entry(_solve_at_call, 1, 1, 2, 1, 1, 1)
-solve_into_entry = _entry(_solve_into_call, 1, 1, 1)
-solve_at_into_entry = _entry(_solve_at_into_call, 1, 1, 2, 1, 1)
-distribute_entry = _entry(_distribute_call, 2, 1, 0, 0, _BOOLEAN, 1, 1)
-distribute_each_entry = _entry(_distribute_each_call, 2, 1, 1, 1, _BOOLEAN, 1, 1)
+_ENTRIES: dict[str, tuple[Any, tuple[int, ...]]] = {
+    "solve_entry": (_solve_call, (1, 1, 1, 1)),
+    "detect_entry": (_detect_call, (1, 1)),
+    "solve_at_entry": (_solve_at_call, (1, 1, 2, 1, 1, 1)),
+    "solve_into_entry": (_solve_into_call, (1, 1, 1)),
+    "solve_at_into_entry": (_solve_at_into_call, (1, 1, 2, 1, 1)),
+    "distribute_entry": (_distribute_call, (2, 1, 0, 0, _BOOLEAN, 1, 1)),
+    "distribute_each_entry": (_distribute_each_call, (2, 1, 1, 1, _BOOLEAN, 1, 1)),
+}
+_loading = threading.Lock()
+
+
+def __getattr__(name: str) -> Entry:
+    """An entry, compiled or loaded when it is first asked for.
+
+    Each takes 60 ms to load, and most processes of a rig need none.
+    """
+    if name not in _ENTRIES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    with _loading:
+        if name not in globals():
+            function, ranks = _ENTRIES[name]
+            globals()[name] = _entry(function, *ranks)
+    entry: Entry = globals()[name]
+    return entry
+
+
+def load_all() -> None:
+    """Compile or load every entry."""
+    for name in _ENTRIES:
+        getattr(sys.modules[__name__], name)

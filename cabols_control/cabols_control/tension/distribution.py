@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError, ShapeError
 
+from . import calls
 from .arguments import check_limits, check_matrix, check_weights, check_wrench
-from .calls import SOFTENED, STATUS_MASK, STEP_BITS, distribute_each_entry, distribute_entry
+from .calls import SOFTENED, STATUS_MASK, STEP_BITS
 from .kernels.basis import prepare_pose
 from .kernels.work_array import EXACT, FEASIBLE, INFEASIBLE, INVALID, ITERATIONS, LOSS, work_size
 from .methods import CHOICES, DEFAULT_EXPONENT, choose_prepared, set_method
@@ -98,11 +99,11 @@ def distribute(
                 raise TypeError
             tension, residual = _empty(A.shape[1]), _empty(6)  # type: ignore[union-attr]
             if type(tension_min) is float and type(tension_max) is float:
-                entry = distribute_entry
+                entry = calls.distribute_entry
             elif type(tension_min) is _ARRAY and type(tension_max) is _ARRAY:
                 if not (tension_min.dtype is _NATIVE and tension_max.dtype is _NATIVE):
                     raise TypeError
-                entry = distribute_each_entry
+                entry = calls.distribute_each_entry
             else:
                 raise TypeError
             code = entry(A, wrench, tension_min, tension_max, exact, tension, residual)

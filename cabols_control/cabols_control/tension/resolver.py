@@ -14,6 +14,7 @@ from cabols_control.cable_kernels import CABLE, cable_records, refuse_short_cabl
 from cabols_control.checks import FloatArray, IntArray, finite_array, unit_rows
 from cabols_control.errors import ShapeError
 
+from . import calls
 from .arguments import (
     MIN_CABLES,
     batch_outputs,
@@ -26,16 +27,7 @@ from .arguments import (
     refuse_output,
     refuse_wrench,
 )
-from .calls import (
-    SOFTENED,
-    STATUS_MASK,
-    STEP_BITS,
-    detect_entry,
-    solve_at_entry,
-    solve_at_into_entry,
-    solve_entry,
-    solve_into_entry,
-)
+from .calls import SOFTENED, STATUS_MASK, STEP_BITS
 from .kernels.basis import prepare_pose
 from .kernels.dispatch import solve_batch, solve_pose_batch
 from .kernels.work_array import (
@@ -113,9 +105,9 @@ class TensionResolver:
         try:
             if wrench.dtype is not _NATIVE:  # type: ignore[union-attr]
                 raise TypeError
-            code = solve_entry(self.work, wrench, tension, residual)
+            code = calls.solve_entry(self.work, wrench, tension, residual)
         except (TypeError, AttributeError):  # a list, float32, strided: convert, then the same way
-            code = solve_entry(self.work, check_wrench(wrench), tension, residual)
+            code = calls.solve_entry(self.work, check_wrench(wrench), tension, residual)
         status = code & STATUS_MASK
         if status > INFEASIBLE:
             refuse_wrench(wrench)
@@ -139,10 +131,10 @@ class TensionResolver:
         try:
             if wrench.dtype is not _NATIVE or tension.dtype is not _NATIVE:
                 raise TypeError
-            status = solve_into_entry(self.work, wrench, tension)
+            status = calls.solve_into_entry(self.work, wrench, tension)
         except (TypeError, AttributeError):  # a list, float32, strided, read-only: convert
             tension = output_row(tension, self.cables)
-            status = solve_into_entry(self.work, check_wrench(wrench), tension)
+            status = calls.solve_into_entry(self.work, check_wrench(wrench), tension)
         if status > INFEASIBLE:
             refuse_output(wrench, tension, self.cables)
         return status == FEASIBLE
@@ -156,9 +148,9 @@ class TensionResolver:
         try:
             if wrench.dtype is not _NATIVE:  # type: ignore[union-attr]
                 raise TypeError
-            status = detect_entry(self.work, wrench)
+            status = calls.detect_entry(self.work, wrench)
         except (TypeError, AttributeError):
-            status = detect_entry(self.work, check_wrench(wrench))
+            status = calls.detect_entry(self.work, check_wrench(wrench))
         if status > INFEASIBLE:
             refuse_wrench(wrench)
         return bool(status == FEASIBLE)
@@ -255,9 +247,9 @@ class RigTensionResolver:
         try:
             if not _native(position, rotation, wrench):
                 raise TypeError
-            code = solve_at_entry(self.work, position, rotation, wrench, tension, residual)
+            code = calls.solve_at_entry(self.work, position, rotation, wrench, tension, residual)
         except (TypeError, AttributeError):
-            code = solve_at_entry(
+            code = calls.solve_at_entry(
                 self.work,
                 finite_array("position", position, (3,)),
                 finite_array("rotation", rotation, (3, 3)),
@@ -293,9 +285,9 @@ class RigTensionResolver:
         try:
             if not _native(position, rotation, wrench) or tension.dtype is not _NATIVE:
                 raise TypeError
-            status = solve_at_into_entry(self.work, position, rotation, wrench, tension)
+            status = calls.solve_at_into_entry(self.work, position, rotation, wrench, tension)
         except (TypeError, AttributeError):
-            status = solve_at_into_entry(
+            status = calls.solve_at_into_entry(
                 self.work,
                 finite_array("position", position, (3,)),
                 finite_array("rotation", rotation, (3, 3)),
