@@ -20,6 +20,9 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(HERE / "tools"))
+from setup_workspace import clean_environment  # noqa: E402
+
 PACKAGES = ("cabols_control", "cabols_hw", "cabols_sim", "cabols_stiffness")
 
 
@@ -48,12 +51,29 @@ def run(checkout: Path, bench: str, arguments: list[str]) -> dict[str, float]:
     script = f"tests/bench/bench_{bench}.py"
     path = checkout / script if (checkout / script).exists() else HERE / script
     sources = os.pathsep.join(str(checkout / package) for package in PACKAGES)
-    environment = {**os.environ, "PYTHONPATH": sources, "OPENBLAS_NUM_THREADS": "1"}
+    # Without what this checkout's wheels told the loader: the other one has libraries of its own.
+    environment = {**clean_environment(), "PYTHONPATH": sources, "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "figures.json"
         command = [checkout / ".venv/bin/python", path, "--output", output, *arguments]
-        subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True)
+        done = subprocess.run(
+            command, check=False, cwd=checkout, env=environment, capture_output=True, text=True
+        )
+        if done.returncode:
+            sys.exit(f"{path} ended with {done.returncode}:\n{done.stderr or done.stdout}")
         return numbers(json.loads(output.read_text(encoding="utf-8")))
+
+
+def compare(
+    before: list[dict[str, float]], now: list[dict[str, float]]
+) -> dict[str, dict[str, float | None]]:
+    """Medians over the rounds of every figure that all have, and their ratio (None: of nothing)."""
+    ratios: dict[str, dict[str, float | None]] = {}
+    for name in now[0]:
+        if all(name in figures for figures in (*before, *now)):
+            base, here = (statistics.median(f[name] for f in runs) for runs in (before, now))
+            ratios[name] = {"base": base, "here": here, "ratio": here / base if base else None}
+    return ratios
 
 
 def main() -> int:
@@ -68,24 +88,26 @@ def main() -> int:
     base = options.base.resolve()
     if not (base / ".venv/bin/python").exists():
         parser.error(f"{base}: expected a checkout with its .venv; run `make setup` in it")
+    if options.rounds < 1:
+        parser.error(f"--rounds: expected at least 1, got {options.rounds}")
     taken: dict[Path, list[dict[str, float]]] = {base: [], HERE: []}
     for turn in range(options.rounds):
         for checkout in (base, HERE):
             taken[checkout].append(run(checkout, options.bench, more))
         print(f"round {turn + 1} of {options.rounds} done", file=sys.stderr)
-    ratios = {}
-    for name in taken[HERE][0]:
-        if not all(name in figures for runs in taken.values() for figures in runs):
-            continue
-        before, now = (
-            statistics.median(figures[name] for figures in taken[c]) for c in (base, HERE)
+        ratios = compare(taken[base], taken[HERE])
+        # After every round, so that an interruption loses one round and not all.
+        output = HERE / f"build/bench/against_{options.bench}.json"
+        output.parent.mkdir(parents=True, exist_ok=True)
+        document = {"rounds": turn + 1, "figures": ratios}
+        output.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    for name, figure in ratios.items():
+        ratio = figure["ratio"]
+        shown = "       -" if ratio is None else f"{ratio:8.3f}"
+        print(
+            f"{name:44s} base {figure['base']:12.4g}   here {figure['here']:12.4g}"
+            f"   here/base {shown}"
         )
-        ratios[name] = {"base": before, "here": now, "ratio": now / before if before else None}
-        shown = f"{now / before:8.3f}" if before else "       -"
-        print(f"{name:44s} base {before:12.4g}   here {now:12.4g}   here/base {shown}")
-    output = HERE / f"build/bench/against_{options.bench}.json"
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(json.dumps({"rounds": options.rounds, "figures": ratios}, indent=2) + "\n")
     return 0
 
 
