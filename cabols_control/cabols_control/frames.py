@@ -13,8 +13,20 @@ from cabols_control.geometry import RigGeometry
 from cabols_control.placement import Frame
 from cabols_control.rig_folder import RigFolder, find_rig
 from cabols_control.wrench_frames import WrenchFrame, WrenchFrames, wrench_frames
+from cabols_control.wrench_uncertainty import (
+    UncertaintyConfig,
+    WrenchUncertainty,
+    uncertainty_sources,
+)
 
-__all__ = ["FRAMES", "Frame", "RigFrames", "load_frames", "load_wrench_frames"]
+__all__ = [
+    "FRAMES",
+    "Frame",
+    "RigFrames",
+    "load_frames",
+    "load_wrench_frames",
+    "load_wrench_uncertainty",
+]
 
 FRAMES = "frames.yaml"
 
@@ -31,6 +43,7 @@ class RigFrames:
         tool_centre_of_mass: (3,) of it, from the platform's origin, platform axes [m].
         sensor_frame: the force/torque sensor, in the platform.
         wrench_frames: frames of the user's, by name, in which wrenches may be desired.
+        wrench_uncertainty: largest errors of sensor, tool, pose and frames that are believed in.
     """
 
     tool_frame: Frame
@@ -40,6 +53,7 @@ class RigFrames:
     tool_centre_of_mass: list[float] = field(default_factory=lambda: [0.0] * 3)
     sensor_frame: Frame = field(default_factory=lambda: Frame([0.0] * 3))
     wrench_frames: dict[str, WrenchFrame] = field(default_factory=dict)
+    wrench_uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
 
     def __post_init__(self) -> None:
         """Check shapes."""
@@ -104,3 +118,26 @@ def load_wrench_frames(geometry: RigGeometry, rig: str | RigFolder = "") -> Wren
     frames = load_frames(rig)
     names = (geometry.base_frame, geometry.platform_frame)
     return wrench_frames(*names, frames.tool_frame, frames.sensor_frame, frames.wrench_frames)
+
+
+def load_wrench_uncertainty(
+    frames: WrenchFrames, rig: str | RigFolder = "", config: UncertaintyConfig | None = None
+) -> WrenchUncertainty:
+    """Read how well a rig's wrenches are known.
+
+    Args:
+        frames: of the rig.
+        rig: name or folder, see find_rig; empty: the reference bench.
+        config: other errors than those of the rig's file; None: these.
+
+    Raises:
+        ConfigError: naming the file, the key, what was expected and what came.
+    """
+    known = load_frames(rig)
+    sources = uncertainty_sources(
+        config or known.wrench_uncertainty,
+        known.tool_mass,
+        known.tool_centre_of_mass,
+        known.sensor_frame,
+    )
+    return WrenchUncertainty(sources, frames)

@@ -110,7 +110,16 @@ _ROWS = (
         "frame_wrench",
         "cabols_msgs/msg/FrameWrench",
         Quality.CONTROL,
-        "desired and measured wrench [N, N m] in the frame of desired_wrench, about its origin",
+        "desired and measured wrench [N, N m] in the frame of desired_wrench, about its origin, "
+        "and how well the measured one is known",
+        live=True,
+    ),
+    Topic(
+        "sensor_tare",
+        "geometry_msgs/msg/WrenchStamped",
+        Quality.LATCHED,
+        "weight of the tool at the tare in force [N, N m], in the platform's axes",
+        recorded=False,
     ),
     Topic(
         "desired_tension",

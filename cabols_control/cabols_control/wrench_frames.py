@@ -150,10 +150,12 @@ class WrenchFrames:
     Attributes:
         names: of all of them; the first is the rig's base frame, whose wrenches are about the
             platform's origin.
+        own: names of the user's, which were placed by hand.
     """
 
     names: tuple[str, ...]
     _records: Mapping[str, Any]
+    own: frozenset[str] = frozenset()
 
     def record(self, name: str) -> Any:
         """Return a frame of the caller's own, a (1,) record of WRENCH_FRAME, not placed yet.
@@ -287,7 +289,7 @@ def wrench_frames(
             raise ConfigError(f"wrench_frames: expected another name than {taken}, got {name!r}")
         axes = Axes[frame.axes.upper()]
         records[name] = _record(frame.parent == "base", axes, frame.position, frame.rotation)
-    found = WrenchFrames(tuple(records), records)
+    found = WrenchFrames(tuple(records), records, frozenset(own))
     # Compile or load the kernels now: a control loop does not wait for a compiler.
     for move in (found.to_base, found.from_base):
         move(base, np.zeros(6), np.zeros(3), np.eye(3))

@@ -4,8 +4,9 @@ Each programme runs on the full plant as designed, and on plants that differ fro
 files say: gains and time constants of the motors by up to 20 %, k_e by 5 %, attachment points by
 2 mm, sensor gains by 0.5 % and cross-talk by 1 %, friction doubled. Then each rig repeats its
 programme and learns, LEARNING times. Printed is the rms of the axis that is commanded, against the
-sensor and against the truth, and of the other axes together. A run that was stopped goes on where
-it was (`--fresh` begins anew); the commits of the kept runs are written with the figures.
+sensor and against the truth, and of the other axes together; and how many of the samples, axis by
+axis, have the truth within the uncertainty that the rig states. A run that was stopped goes on
+where it was (`--fresh` begins anew); the commits of the kept runs are written with the figures.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
 from record import circumstances, write_figures
 
+from cabols_control.frames import load_wrench_frames, load_wrench_uncertainty
 from cabols_control.geometry import RigGeometry
 from cabols_control.load_programs.learning import apply_learnt, learn, nothing_learnt
 from cabols_control.load_programs.motor_demand import fastest_preview
@@ -40,6 +42,10 @@ LIMB_SPREAD, STIFFNESS_SPREAD, POINT_M = 0.2, 0.05, 0.002
 GAIN_SPREAD, CROSS_TALK, FRICTION = 0.005, 0.01, 2.0
 LEARNING = 5
 """Runs that are learnt from before the one that is judged."""
+FORM = "with_uncertainty"
+"""Of the runs that are kept."""
+TOLD_EVERY = 10
+"""Samples between two uncertainties, as a rig tells them."""
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
@@ -179,6 +185,7 @@ def run(
             rig, setup.card, plant, desired, 1000 * cycle + (seed or 0), mismatch=mismatch
         )
         found.append(errors(trace, program, shaped.lead, rest.shape[0], case.axis))
+        found[-1] |= stated(rig, trace, rest.shape[0])
         if cycle < cycles:
             start = rest.shape[0]
             felt = trace.measured[start:] - trace.measured[start - 500 : start].mean(axis=0)
@@ -214,10 +221,33 @@ def errors(
     }
 
 
-def spread(runs: list[dict[str, float]]) -> dict[str, Any]:
-    """Median and largest of each figure."""
+def stated(rig: Rig, trace: Trace, start: int) -> dict[str, float]:
+    """Share of samples whose truth is within the stated uncertainty, and how wide that is."""
+    geometry = rig.geometry
+    known = load_wrench_uncertainty(load_wrench_frames(geometry))
+    known.tell_tare(geometry.reference_rotation.T @ [0.0, 0.0, -1.0])
+    rest = (trace.measured - trace.wrench)[start - 500 : start].mean(axis=0)
+    rows = slice(start, None, TOLD_EVERY)
+    measured = trace.measured[rows] - rest
+    turn, still = np.array(geometry.reference_rotation), np.zeros(3)
+    wide = np.array([known.of("", None, turn, still, wrench) for wrench in measured])
+    within = np.abs(measured - trace.wrench[rows]) <= wide
     return {
-        key: {"median": float(np.median([r[key] for r in runs])), "max": max(r[key] for r in runs)}
+        "within": float(within.mean()),
+        "within_worst_axis": float(within.mean(axis=0).min()),
+        "uncertainty_n": float(np.percentile(wide[:, :3], 95.0)),
+        "uncertainty_nm": float(np.percentile(wide[:, 3:], 95.0)),
+    }
+
+
+def spread(runs: list[dict[str, float]]) -> dict[str, Any]:
+    """Median, largest and mean of each figure."""
+    return {
+        key: {
+            "median": float(np.median([r[key] for r in runs])),
+            "max": max(r[key] for r in runs),
+            "mean": float(np.mean([r[key] for r in runs])),
+        }
         for key in runs[0]
     }
 
@@ -227,7 +257,9 @@ def line(name: str, what: str, found: dict[str, Any], target: str = "") -> str:
     return (
         f"{name:27} {what:22} {found['sensor']['median']:7.3f} {found['sensor']['max']:7.3f} "
         f"{found['true']['median']:7.3f} {found['off_force_n']['median']:7.3f} "
-        f"{found['off_torque_nm']['median']:7.4f} {found['current_a']['max']:6.2f}  {target}"
+        f"{found['off_torque_nm']['median']:7.4f} {found['current_a']['max']:6.2f} "
+        f"{found['uncertainty_n']['median']:6.2f} {found['uncertainty_nm']['median']:6.3f} "
+        f"{100.0 * found['within']['mean']:6.1f}  {target}"
     )
 
 
@@ -261,14 +293,19 @@ def main() -> None:
         design += f".backlash_{1e6 * arguments.backlash:g}_um"
     if arguments.preview_delay is not None:
         design += f".delay_{1e3 * arguments.preview_delay:g}_ms"
-    kept = LineJournal(arguments.output.with_suffix(f".{design}.jsonl"), arguments.fresh)
+    kept = LineJournal(arguments.output.with_suffix(f".{design}.{FORM}.jsonl"), arguments.fresh)
     rig = load_rig(control=arguments.gains or None)
     rig = replace(rig, limbs=replace(rig.limbs, backlash=arguments.backlash))
     if arguments.preview_delay is not None:
         rig = replace(rig, control=replace(rig.control, preview_delay=arguments.preview_delay))
     setup = Setup(rig, load_card(), load_plant())
-    print("rms in N or N m: median and largest against the sensor, against the truth, other axes")
-    print(f"{'':50} {'sensor':>7} {'worst':>7} {'truth':>7} {'off N':>7} {'off N m':>7} {'A':>6}")
+    print("rms in N or N m: median and largest against the sensor, against the truth, other axes;")
+    print("stated uncertainty, and the samples within it of the truth")
+    print(
+        f"{'':50} {'sensor':>7} {'worst':>7} {'truth':>7} {'off N':>7} "
+        f"{'off N m':>7} {'A':>6} "
+        f"{'+- N':>6} {'+- N m':>6} {'in %':>6}"
+    )
     figures: dict[str, Any] = {}
     for case in CASES:
         if arguments.only not in case.name:

@@ -104,7 +104,10 @@ def test_errors_are_in_the_frame_of_the_command(bag):
     )
     program = join_program(found, stamps, np.zeros_like(measured), frame)
     run = SimpleNamespace(
-        program=program, measured=measured, loading=np.arange(stamps.size) < stamps.size - 10
+        program=program,
+        measured=measured,
+        uncertainty=np.full(measured.shape, np.nan),
+        loading=np.arange(stamps.size) < stamps.size - 10,
     )
     numbers = error_numbers(run)
     force, torque = np.linalg.norm(OFF[:3]), np.linalg.norm(OFF[3:])

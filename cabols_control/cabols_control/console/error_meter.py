@@ -25,6 +25,15 @@ class ErrorMeter:
         self._errors: deque[FloatArray] = deque(maxlen=KEPT)
         self._idle: deque[BoolArray] = deque(maxlen=KEPT)
         self._last_s = -np.inf
+        self._known: FloatArray | None = None
+
+    def know(self, uncertainty: FloatArray | None) -> None:
+        """Take how well the newest wrench is known.
+
+        Args:
+            uncertainty: (6,) half widths that hold 95 % of its errors [N, N m]; None: not told.
+        """
+        self._known = None if uncertainty is None else np.array(uncertainty)
 
     def measure(self, stamp_s: float, wrench: FloatArray) -> None:
         """Take a measured wrench.
@@ -102,4 +111,7 @@ class ErrorMeter:
             if value == value
         ]
         words += [f"in axes commanded to zero {', '.join(idle)} rms"] if idle else []
+        if self._known is not None and np.isfinite(self._known).all():
+            force_n, torque_nm = self._known[:3].max(), self._known[3:].max()
+            words += [f"measured within {force_n:.2f} N, {torque_nm:.3f} N m (95 %)"]
         return f"error against the command, rms / 95 % / largest: {'; '.join(words)}"

@@ -46,6 +46,7 @@ FIELDS: dict[str, dict[str, tuple[str, str]]] = {
     "cabols_msgs/msg/FrameWrench": {
         **_below("desired", _WRENCH),
         **_below("measured", _WRENCH),
+        **_below("uncertainty", _WRENCH),
     },
     "cabols_msgs/msg/PathMotion": {
         **_same("m_per_s", "speed"),

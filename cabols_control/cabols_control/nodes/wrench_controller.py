@@ -7,16 +7,18 @@ import time
 from dataclasses import replace
 
 import numpy as np
+from geometry_msgs.msg import WrenchStamped
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.checks import FloatArray
-from cabols_control.frames import load_wrench_frames
+from cabols_control.frames import load_wrench_frames, load_wrench_uncertainty
 from cabols_control.pose_track import pose_time
 from cabols_control.ros import topics
 from cabols_control.ros.framed_wrench import FramedWrenchInput, FrameWrenchOutput
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_robot, declare_row
+from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.sessions import ModeInput, same_session
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
@@ -53,7 +55,12 @@ class WrenchControllerNode(ControlNode):
         )
         frames = load_wrench_frames(geometry, self.rig_folder)
         self._wrench_setpoint = FramedWrenchInput(self, frames)
-        self._told = FrameWrenchOutput(self, frames)
+        self._uncertainty = load_wrench_uncertainty(frames, self.rig_folder)
+        self._told = FrameWrenchOutput(self, frames, self._uncertainty)
+        if not lockstep:
+            # When it comes is up to the middleware; a lockstep clock would not wait for it.
+            qos = topic_qos("sensor_tare")
+            self.create_subscription(WrenchStamped, "sensor_tare", self._hear_tare, qos)
         tensions = topics.desired_tension_layout(geometry)
         sessions = self.status.sessions
         self._tension_setpoint = Input(self, "desired_tension", tensions, lockstep, every=2)
@@ -93,6 +100,10 @@ class WrenchControllerNode(ControlNode):
         companions = [self._mode, self._pose, self._wrench_setpoint, self._tension_setpoint]
         self._loop = ControlLoop(self, self._wrench, companions, self._step, self.lockstep)
         self._loop.prepare = self.prepare_thread
+
+    def _hear_tare(self, message: WrenchStamped) -> None:
+        force = message.wrench.force
+        self._uncertainty.tell_tare([force.x, force.y, force.z])
 
     def _follow(self, session: int) -> None:
         """Answer in another supervisor's session."""
@@ -163,6 +174,7 @@ class WrenchControllerNode(ControlNode):
             self._wrench.stamp_ns,
             self._desired_frame,
             controller.pose,
+            controller.acceleration,
             controller.desired,
             measured,
         )

@@ -14,6 +14,7 @@ from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import ControlNode
 from cabols_control.wrench_frames import WrenchFrames, place_frame, wrench_from_base
+from cabols_control.wrench_uncertainty import WrenchUncertainty
 
 FRAME_AT, TEXT_AT = 12, 16
 """Where length and text of a message's frame_id are, after the CDR header and the stamp [bytes]."""
@@ -101,21 +102,28 @@ def _frame_of(raw: bytes) -> bytes | None:
 
 
 class FrameWrenchOutput:
-    """Publishes desired and measured wrench in the frame of the desired one, every 10 ms."""
+    """Publishes desired and measured wrench in the frame of the desired one, every 10 ms.
 
-    def __init__(self, node: ControlNode, frames: WrenchFrames) -> None:
+    With them how well the measured one is known.
+    """
+
+    def __init__(
+        self, node: ControlNode, frames: WrenchFrames, uncertainty: WrenchUncertainty
+    ) -> None:
         """Advertise.
 
         Args:
             node: owner.
             frames: of the rig.
+            uncertainty: of its measured wrenches.
         """
+        self._uncertainty = uncertainty
         self._records: dict[str, Record] = {
             name: topics.frame_wrench_layout(name).record() for name in frames.names
         }
         # The base's wrenches are about the platform's origin already.
         self._frames = {name: frames.record(name) for name in frames.names[1:]}
-        self._output = node.advertise("frame_wrench")
+        self._output = node.advertise_live("frame_wrench")
         self._count = 0
         self._desired, self._measured = np.zeros(6), np.zeros(6)
 
@@ -124,6 +132,7 @@ class FrameWrenchOutput:
         stamp_ns: int,
         name: str,
         pose: tuple[FloatArray, FloatArray],
+        acceleration: FloatArray,
         desired: FloatArray,
         measured: FloatArray,
     ) -> None:
@@ -133,20 +142,25 @@ class FrameWrenchOutput:
             stamp_ns: of the sample.
             name: of the frame.
             pose: (3,) position [m] and (3, 3) rotation of the platform at the sample, base frame.
+            acceleration: (3,) of the platform at the sample, base axes [m/s^2].
             desired: (6,) about the platform's origin, base axes [N, N m].
             measured: (6,) likewise.
         """
         self._count += 1
         if self._count % TOLD_EVERY:
             return
-        frame = self._frames.get(name)
+        frame, uncertainty = self._frames.get(name), self._uncertainty
+        # In each mode: the control law places the frames of what it follows alone.
         if frame is not None:
-            # In each mode: the control law places the frames of what it follows alone.
             place_frame(frame, *pose)
+        known = uncertainty.of(name, frame, pose[1], acceleration, measured)
+        if frame is not None:
             wrench_from_base(frame, desired, self._desired)
             wrench_from_base(frame, measured, self._measured)
             desired, measured = self._desired, self._measured
         record = self._records[name]
         record.stamp(stamp_ns)
         record["desired"][:], record["measured"][:] = desired, measured
+        record["uncertainty"][:] = known
         self._output.publish(record.raw())
+        self._output.copy()

@@ -97,12 +97,16 @@ def program_wrench_layout(frame: str) -> Layout:
     )
 
 
+FRAME_WRENCHES = ("desired", "measured", "uncertainty")
+"""Wrenches of a FrameWrench."""
+
+
 def frame_wrench_layout(frame: str) -> Layout:
-    """FrameWrench in a frame; fields `desired`, `measured` (6,) force [N], torque [N m]."""
+    """FrameWrench in a frame; fields `desired`, `measured`, `uncertainty` (6,) [N], [N m]."""
     return Layout(
         FrameWrench,
         strings={"header.frame_id": frame},
-        joined={name: (f"{name}.force.x", 6) for name in ("desired", "measured")},
+        joined={name: (f"{name}.force.x", 6) for name in FRAME_WRENCHES},
     )
 
 

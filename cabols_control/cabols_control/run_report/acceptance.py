@@ -134,6 +134,11 @@ def _error_checks(s: Mapping[str, Any]) -> list[Check]:
             shown = " / ".join("-" if v is None else f"{v:.{digits}f}" for v in values)
             expected = "rms / 95 % / largest"
             found.append(Check(f"{what}, {kind}", f"{shown} {unit}", expected, None))
+        known = [s.get(f"uncertainty_{part}_{key}") for part in ("p95", "max")]
+        if None not in known:
+            shown = " / ".join(f"{value:.{digits}f}" for value in known if value is not None)
+            what = f"uncertainty of the measured {kind}, worst axis"
+            found.append(Check(what, f"{shown} {unit}", "95 % / largest", None))
     if s.get("preview_lead_s"):
         limits = ((SMOOTHED_FORCE_MAX_N, "N", 3), (SMOOTHED_TORQUE_MAX_NM, "N m", 4))
         for kind, (limit, unit, digits) in zip(("force", "torque"), limits, strict=True):

@@ -13,8 +13,8 @@ def error_numbers(run: BenchRun) -> dict[str, float]:
     """Reduce the errors of a run to numbers; NaN where no programme ran.
 
     Each is the length of the vector of force, or of torque: rms over the samples, 95th percentile
-    and largest. `idle` are the axes that command and smoothed curve leave at zero at a sample,
-    `asked` the others.
+    and largest; `uncertainty` is that of the worst axis of each sample. `idle` are the axes that
+    command and smoothed curve leave at zero at a sample, `asked` the others.
 
     Args:
         run: from load_run.
@@ -36,6 +36,14 @@ def error_numbers(run: BenchRun) -> dict[str, float]:
         found |= _numbers("asked", kind, lengths_where(error[:, axes], asked))
         found |= _numbers("idle", kind, lengths_where(error[:, axes], idle[:, axes]))
         found |= _numbers("smoothed", kind, lengths(deviation[:, axes]))
+        known = run.uncertainty[ran][:, axes]
+        known = known[np.isfinite(known).all(axis=1)]
+        # One number beside the errors' lengths: the worst axis of each sample.
+        worst = sizes(known.max(axis=1, initial=0.0))
+        found |= {
+            f"uncertainty_p95_{kind}": worst.p95,
+            f"uncertainty_max_{kind}": worst.largest,
+        }
         for axis, letter in enumerate("xyz"):
             found[f"command_error_rms_{letter}_{kind}"] = rms(error[:, axes][:, axis])
     return found

@@ -19,6 +19,7 @@ from cabols_control.run_report.user_frame import (
     frame_of,
     poses_at,
     recorded_frames,
+    recorded_uncertainty,
     user_frame,
 )
 from cabols_control.supervision.modes import OperatingMode
@@ -109,6 +110,8 @@ class BenchRun:
         lost: samples missing in the bag, by topic.
         motion: of robot and platform.
         program: what the load programme asked for.
+        uncertainty: (k, 6) half widths that hold 95 % of the errors of `measured` in the frame of
+            the desired wrench, of the newest that were told; NaN: not recorded [N, N m].
         loading_log_ns: when the first and the last sample of LOADING were recorded, system clock.
     """
 
@@ -132,6 +135,7 @@ class BenchRun:
     lost: dict[str, int]
     motion: RecordedMotion
     program: RecordedProgram
+    uncertainty: FloatArray
     loading_log_ns: tuple[int, int] = (0, 0)
 
     @property
@@ -190,6 +194,7 @@ def join_run(bag: Bag) -> BenchRun:
         lost=_lost(bag, stamps),
         motion=join_motion(bag, begin),
         program=join_program(bag, stamps, desired, _program_frame(bag, stamps)),
+        uncertainty=recorded_uncertainty(bag, stamps),
         loading_log_ns=(int(logged.min()), int(logged.max())) if logged.size else (0, 0),
     )
 

@@ -20,6 +20,9 @@ from cabols_control.wrench_frames import WrenchFrames, wrench_frames
 
 POSITION = tuple(f"pose.position.{axis}" for axis in "xyz")
 QUATERNION = tuple(f"pose.orientation.{axis}" for axis in "xyzw")
+UNCERTAINTY = tuple(f"uncertainty.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz")
+TOLD_WITHIN_NS = 100_000_000
+"""Longest time for which an uncertainty that was told holds [ns]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +86,28 @@ def recorded_frames(metadata: Mapping[str, str]) -> WrenchFrames | None:
         return None
     names = (geometry.base_frame, geometry.platform_frame)
     return wrench_frames(*names, found.tool_frame, found.sensor_frame, found.wrench_frames)
+
+
+def recorded_uncertainty(bag: Bag, samples_ns: IntArray) -> FloatArray:
+    """(k, 6) newest uncertainty told before each of k samples; NaN where there is none [N, N m].
+
+    Args:
+        bag: of the run.
+        samples_ns: (k,) stamps, increasing [ns].
+    """
+    found = np.full((samples_ns.size, 6), np.nan)
+    if "frame_wrench" not in bag:
+        return found
+    series = bag["frame_wrench"]
+    # Bags of before have no such field.
+    if not len(series) or UNCERTAINTY[0] not in series.fields:
+        return found
+    order = np.argsort(series.stamp_ns, kind="stable")
+    stamps, told = series.stamp_ns[order], _columns(series, UNCERTAINTY)[order]
+    newest = np.searchsorted(stamps, samples_ns, side="right") - 1
+    known = (newest >= 0) & (samples_ns - stamps[np.maximum(newest, 0)] <= TOLD_WITHIN_NS)
+    found[known] = told[newest[known]]
+    return found
 
 
 def frame_of(bag: Bag, topic: str) -> str:

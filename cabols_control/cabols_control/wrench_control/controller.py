@@ -131,6 +131,12 @@ class WrenchController:
         """Platform's position (3,) [m] and rotation (3, 3) at the newest sample; views."""
         return self._position, self._rotation
 
+    @property
+    def acceleration(self) -> FloatArray:
+        """(3,) of the platform's origin at the newest sample, base axes [m/s^2]; a view."""
+        found: FloatArray = self._track[0]["acceleration"][:3]
+        return found
+
     def set_pose(self, position: FloatArray, rotation: FloatArray) -> None:
         """Take the platform's pose, (3,) [m] and (3, 3), base frame; costs one decomposition.
 

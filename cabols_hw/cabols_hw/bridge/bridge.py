@@ -238,6 +238,12 @@ class Bridge:
         self._bias[:] = 0.0 if bias is None else bias.volts
         self._tare_weight[:] = 0.0 if bias is None else bias.tare_weight
 
+    def tare_load(self) -> FloatArray:
+        """(6,) weight of the tool at the tare in force, platform axes; NaN without one [N, N m]."""
+        if not self.tared:
+            return np.full(6, np.nan)
+        return np.asarray(self._sensor["transform"][0] @ self._tare_weight)
+
     def take(self, sample: CardSample, mode: OperatingMode, zeroing: int = 0) -> None:
         """Update all attributes from one sample.
 

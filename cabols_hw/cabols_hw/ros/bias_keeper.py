@@ -7,9 +7,12 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from geometry_msgs.msg import WrenchStamped
+
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.parameters import declare_row
+from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_hw.bridge.bridge import Bridge
@@ -37,6 +40,8 @@ class BiasKeeper:
         self._path = Path(given) if given else own
         self._adopt(card.sensor_serial)
         self._kept = bridge.sensor_tare.proven
+        self._tare = node.create_publisher(WrenchStamped, "sensor_tare", topic_qos("sensor_tare"))
+        self._told: SensorBias | None = None
 
     def _adopt(self, serial: str) -> None:
         if self._path is None:
@@ -63,6 +68,9 @@ class BiasKeeper:
             if self._path is not None:
                 # The loop must not wait for a disk.
                 hand_over(self._node, lambda: self._save(bias))
+        if tare.bias is not self._told:
+            self._told = tare.bias
+            hand_over(self._node, self._tell_tare)
         if not tare.judged:
             return None
         if tare.bias is None:
@@ -76,6 +84,15 @@ class BiasKeeper:
         """Print what the gears hold while no process watches it."""
         if held := held_load(self._bridge):
             print(f"the bridge ends: {held}", file=sys.stderr, flush=True)
+
+    def _tell_tare(self) -> None:
+        """Tell what the tool weighed at the tare; NaN without one."""
+        message = WrenchStamped()
+        message.header.frame_id = self._node.rig.geometry.platform_frame
+        values = [float(value) for value in self._bridge.tare_load()]
+        force, torque = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z, torque.x, torque.y, torque.z = values
+        self._tare.publish(message)
 
     def _save(self, bias: SensorBias) -> None:
         assert self._path is not None

@@ -73,6 +73,9 @@ class Feed:
         self._program = FramedInput(
             node, live_name("program_wrench"), topics.program_wrench_layout, self._frames
         )
+        self._told = FramedInput(
+            node, live_name("frame_wrench"), topics.frame_wrench_layout, self._frames
+        )
         self._errors = ErrorMeter()
         self._command = live("tension_command", topics.tension_command_layout(geometry))
         self._pose = live("platform_pose", topics.pose_layout(geometry))
@@ -99,7 +102,7 @@ class Feed:
 
     def look(self) -> dict[str, Any]:
         """Take what has arrived, store it as the newest values; return the frame."""
-        for source in (*self.frame_inputs(), self._program):
+        for source in (*self.frame_inputs(), self._program, self._told):
             source.take()
         for message in self._joints.take():
             self._joint_values = (time.monotonic(), list(message.position))
@@ -164,6 +167,8 @@ class Feed:
             return turned
         if pose is not None and self._program.frame is not None:
             turned = self._frames.from_base(self._program.frame_name, turned, *pose)
+        told = self._told.record if self._told.frame_name == self._program.frame_name else None
+        self._errors.know(None if told is None else told["uncertainty"])
         self._errors.measure(1e-9 * self._wrench.stamp_ns, turned)
         self._errors.command(1e-9 * self._program.stamp_ns, self._program.record["command"])
         return turned

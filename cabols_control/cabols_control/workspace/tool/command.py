@@ -4,6 +4,7 @@ workspace map            the workspace on a grid of positions and orientations
 workspace trajectory     margins along the poses of a CSV file
 workspace design         attachment points for the largest workspace
 workspace stiffness      how far the required wrenches move the platform
+workspace loss           which wrenches remain when a cable parts
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from cabols_control.workspace.wrench_set import WrenchSet, wrench_box, wrench_po
 from . import figures, files
 from .design_command import COARSE, Choices, add_design, run_design
 from .exchange_command import add_export, add_import, run_export, run_import
+from .loss_command import add_loss, run_loss
 from .stiffness_command import add_stiffness, run_stiffness
 from .workers import LOCAL, workers
 
@@ -376,6 +378,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rig_options(elastic)
     add_stiffness(elastic)
     elastic.set_defaults(run=_stiffness)
+    lost = commands.add_parser("loss", help="which wrenches remain when a cable parts")
+    rig_options(lost)
+    add_loss(lost)
+    lost.set_defaults(run=lambda options: run_loss(options, _robot(options)))
     taken = commands.add_parser("import", help="a robot file from files of CASPR or cdpyr")
     add_import(taken)
     taken.set_defaults(run=run_import)
