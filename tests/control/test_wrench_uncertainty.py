@@ -114,8 +114,8 @@ def test_95_of_100_errors_are_within(name, known_tare):
     base = np.concatenate([turn @ told[:3], turn @ told[3:]])
     stated = known.of(name, record, turn, acceleration, base)
     share = np.mean(np.abs(errors) <= stated, axis=0)
-    # Of 500, two standard deviations are 2 %; sums of even distributions end sooner.
-    assert (share >= 0.93).all(), share
+    # Of 500, three standard deviations are 3 %.
+    assert (share >= 0.92).all(), share
     # And not by being too careful: by known tares the widths are those that were drawn.
     spread = 1.96 * np.sqrt(np.mean(errors**2, axis=0))
     assert (stated <= (1.12 if known_tare else 1.3) * spread).all(), stated / spread
