@@ -10,10 +10,10 @@ import pytest
 import independent_arm as arm
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_stiffness.identification.validation import validate
-from cabols_stiffness.ladder.identified import identify_ladder, rungs_of
+from cabols_stiffness.ladder.identified import identify_ladder
 from cabols_stiffness.model.compensation import correct
-from cabols_stiffness.model.elastic.blocks import Rung
 from cabols_stiffness.model.elastic.prediction import predict_elastic
+from cabols_stiffness.model.model_words import Rung, rungs_of
 from cabols_stiffness.model.prediction import predict
 from cabols_stiffness.model.result_file import read_result, write_result
 from cabols_stiffness.model.verdict import Suspect

@@ -34,6 +34,17 @@ def with_named_configurations():
     return "\n".join([HEADER, *rows])
 
 
+OTHER = {
+    "q1_deg": "Joint 1 [°]",
+    "q2_deg": "A2 in deg",
+    "Fx_N": "Force X (N)",
+    "Fy_N": "F_y <N>",
+    "Mx_Nm": "Torque_x {N⋅m}",
+    "My_Nm": "Ty N-m",
+    "dx_mm": "u_x [mm]",
+    "dy_mm": "deflection y mm",
+}
+
 FORMS = {
     "semicolons": LAB.replace(",", ";"),
     "decimal commas": LAB.replace(",", ";").replace(".", ","),
@@ -49,6 +60,12 @@ FORMS = {
     "commas at the ends": "\n".join(line + "," for line in LAB.splitlines()),
     "empty rows": LAB + "\n" + "," * HEADER.count(",") + "\n\n",
     "sign of typesetting": LAB.replace("-", "\u2212"),
+    "headers in a comment": "# " + LAB,
+    "headers in a comment of MATLAB": "%" + LAB.replace(",", ";"),
+    "lines above the headers": "Tracker AT960;S/N 1\nOperator;N. N.\n\n" + LAB.replace(",", ";"),
+    "title above the headers": "Loads of robot 3, second day\n# checked\n" + LAB,
+    "commas at the rows' ends": "\n".join([HEADER, *(row + "," for row in ROWS)]),
+    "other names": with_header(lambda word: OTHER.get(word, word)),
     "named configurations": with_named_configurations(),
     "rows repeated": "\n".join([LAB.rstrip(), *ROWS[:3]]),
 }
@@ -142,12 +159,47 @@ def test_something_else_named_parquet_is_refused(tmp_path):
         ("dx cm", "dx", 1e-2),
         ("Mx N cm", "mx", 1e-2),
         ("q1 degrees", "q1", np.pi / 180.0),
+        ("dx [\u03bcm]", "dx", 1e-6),
+        ("dx [\u00b5m]", "dx", 1e-6),
+        ("dz in inch", "dz", 0.0254),
+        ("dz in", "dz", 0.0254),
+        ("rx_arcsec", "rx", np.pi / 648000.0),
     ],
 )
 def test_units_of_other_laboratories(header, role, factor):
     found = meaning(header)
     assert found.role == role
     assert found.factor == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize("start", [b"PK\x03\x04rest", b"\xd0\xcf\x11\xe0rest"])
+def test_a_spreadsheet_is_refused_with_the_remedy(tmp_path, start):
+    path = tmp_path / "lab.xlsx"
+    path.write_bytes(start)
+    with pytest.raises(TableError, match=r"a spreadsheet .* save the sheet as CSV"):
+        read_table(path, 6)
+
+
+def test_hung_masses_are_forces_down(tmp_path):
+    path = tmp_path / "lab.csv"
+    header = ",".join([*HEADER.split(",")[:8], "mass_kg", "dx_mm", "dy_mm", "dz_mm"])
+    rows = [row.split(",") for row in ROWS]
+    rows = [",".join([*row[:8], "2.5", *row[14:]]) for row in rows]
+    path.write_text("\n".join([header, *rows]), encoding="utf-8")
+    wrench = read_table(path, 6).wrench
+    np.testing.assert_allclose(wrench[:, 2], -2.5 * 9.80665)
+    assert not wrench[:, [0, 1, 3, 4, 5]].any()
+    path.write_text(LAB.replace("Fx_N", "mass_kg"), encoding="utf-8")
+    with pytest.raises(TableError, match="either hung masses or a measured wrench"):
+        read_table(path, 6)
+
+
+def test_other_numbers_of_branches_are_refused(tmp_path):
+    path = tmp_path / "lab.csv"
+    rows = [f"{row},{1 + i % 2}" for i, row in enumerate(ROWS)]
+    path.write_text("\n".join([HEADER + ",branch", *rows]), encoding="utf-8")
+    with pytest.raises(TableError, match="expected up or down"):
+        read_table(path, 6)
 
 
 def test_words_of_the_branch(tmp_path):

@@ -24,9 +24,9 @@ from cabols_stiffness.certificate.document import Certificate
 from cabols_stiffness.certificate.made import certificate_of
 from cabols_stiffness.certificate.pages import write_certificate
 from cabols_stiffness.certificate.statement import load_statement
-from cabols_stiffness.ladder.identified import model_word
 from cabols_stiffness.ladder.texts import ladder_mapping
 from cabols_stiffness.measurements.measured_load import to_cells
+from cabols_stiffness.model.model_words import model_word
 from cabols_stiffness.model.result_file import write_result
 
 TABLES = (".csv", ".tsv")

@@ -25,7 +25,8 @@ from cabols_stiffness.measurements.measured_load import MeasuredLoad
 from cabols_stiffness.measurements.poses import poses
 from cabols_stiffness.measurements.reflector_points import Frames, robot_of
 from cabols_stiffness.measurements.samples import PointSamples, Samples, select
-from cabols_stiffness.model.result import LINEAR, MODELS, StiffnessResult
+from cabols_stiffness.model.model_words import LINEAR, MODELS
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 
 

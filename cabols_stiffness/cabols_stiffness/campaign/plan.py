@@ -19,7 +19,7 @@ from cabols_control.frames import FRAMES, load_frames
 from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_stiffness.measurements.measuring_rig import MeasuringRig
 from cabols_stiffness.measurements.samples import LOADING, REFERENCE, UNLOADING
-from cabols_stiffness.model.result import MODELS
+from cabols_stiffness.model.model_words import MODELS
 
 PLAN, ROBOT = "campaign.yaml", "robot.urdf"
 

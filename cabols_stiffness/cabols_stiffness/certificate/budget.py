@@ -22,7 +22,8 @@ from cabols_stiffness.identification.observations import Observations, whiten
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.measurements.usable import usable_rows
 from cabols_stiffness.model.balance import Law
-from cabols_stiffness.model.result import LINEAR, StiffnessResult
+from cabols_stiffness.model.model_words import LINEAR
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.verdict import Suspect
 

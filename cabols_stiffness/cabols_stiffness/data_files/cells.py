@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,21 @@ MARKS = ",;\t|"
 PARQUET = (".parquet", ".pq")
 DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+(?:[eE][+-]?[0-9]{1,3})?")
 DECIMAL_POINT = re.compile(r"[+-]?[0-9]+\.[0-9]+(?:[eE][+-]?[0-9]{1,3})?")
+COMMENTS = ("#", "%")
+"""First characters of lines that are left out."""
+PREAMBLE = 60
+"""Lines among which the headers are looked for."""
+HEADERS_LEAST = 4
+"""Expected headers by which their line is known."""
+BINARY = {
+    b"PK\x03\x04": "a spreadsheet or another archive (xlsx, ods, zip)",
+    b"\xd0\xcf\x11\xe0": "a spreadsheet of an old form (xls)",
+    b"\x1f\x8b": "a compressed file (gzip)",
+    b"PAR1": "Parquet under another name (its ending must be .parquet)",
+    b"\x89HDF": "an HDF5 file (MATLAB's, too)",
+    b"MATLAB": "a file of MATLAB",
+}
+"""First bytes of files that are no text."""
 SIGNS = str.maketrans({"\u2212": "-", "\u00a0": " ", "\u202f": " "})
 """Of typesetting: the minus sign and blanks that do not break."""
 
@@ -42,11 +58,13 @@ class Cells:
     rows: list[list[str]]
 
 
-def read_cells(path: str | Path) -> Cells:
+def read_cells(path: str | Path, is_header: Callable[[str], bool] | None = None) -> Cells:
     """Read a table's cells.
 
     Args:
         path: of the file; by its ending Parquet, else CSV.
+        is_header: whether a cell is a header that is expected; lines above the headers are left
+            out then, and headers may be in a line of comment. None: the first line has them.
 
     Raises:
         TableError: naming the line, what was expected and what came.
@@ -54,12 +72,9 @@ def read_cells(path: str | Path) -> Cells:
     place = Path(path)
     if place.suffix.lower() in PARQUET:
         return _parquet(place)
-    numbered = [
-        (number, line)
-        # Not splitlines(), which takes eight more characters for ends of lines.
-        for number, line in enumerate(re.split(r"\r\n|\n|\r", _text(place)), 1)
-        if line.strip() and not line.startswith("#")
-    ]
+    # Not splitlines(), which takes eight more characters for ends of lines.
+    lines = list(enumerate(re.split(r"\r\n|\n|\r", _text(place)), 1))
+    numbered = _from_headers([one for one in lines if one[1].strip()], is_header)
     mark = ""
     if numbered and (said := re.fullmatch(r"sep=(.)\s*", numbered[0][1], re.IGNORECASE)):
         mark, numbered = said.group(1), numbered[1:]
@@ -69,6 +84,8 @@ def read_cells(path: str | Path) -> Cells:
     table = [(number, _split(place, number, line, mark)) for number, line in numbered]
     headers = [cell.strip() for cell in table[0][1]]
     for number, cells in table[1:]:
+        while len(cells) > len(headers) and not cells[-1].strip():
+            cells.pop()  # a mark at the end of each row
         if len(cells) != len(headers):
             hint = "; decimal commas need another mark between cells" if mark == "," else ""
             raise TableError(
@@ -87,9 +104,34 @@ def read_cells(path: str | Path) -> Cells:
     return Cells(headers, units, [number for number, _ in table[1:]], rows)
 
 
+def _from_headers(
+    lines: list[tuple[int, str]], is_header: Callable[[str], bool] | None
+) -> list[tuple[int, str]]:
+    """Lines from that with the headers on, without comments."""
+    plain = [(number, line) for number, line in lines if not line.startswith(COMMENTS)]
+    if is_header is None:
+        return plain
+    for i, (number, line) in enumerate(lines[:PREAMBLE]):
+        said = line.lstrip("".join(COMMENTS)).strip() if line.startswith(COMMENTS) else line
+        cells = re.split(f"[{re.escape(MARKS)}]", said) if any(m in said for m in MARKS) else []
+        cells = cells or said.split()
+        if sum(is_header(cell.strip(' "')) for cell in cells) >= HEADERS_LEAST:
+            after = [one for one in lines[i + 1 :] if not one[1].startswith(COMMENTS)]
+            # A line `sep=;` above them counts all the same.
+            first = [one for one in plain[:1] if re.match("sep=", one[1], re.IGNORECASE)]
+            return [*first, (number, said), *after]
+    return plain
+
+
 def _text(path: Path) -> str:
     try:
         raw = path.read_bytes()
+        for start, what in BINARY.items():
+            if raw.startswith(start):
+                raise TableError(
+                    f"{path}: expected a table as text (CSV) or Parquet, got {what}; save the "
+                    "sheet as CSV, in UTF-8"
+                )
         utf16 = raw.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
         return raw.decode("utf-16" if utf16 else "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

@@ -12,41 +12,41 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from cabols_control.command_line import DONE, CommandParser
+from cabols_control.command_line import DONE
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import UsageError
 from cabols_control.rig_folder import rig_file
-from cabols_stiffness.data_files.command_words import joint_position
 from cabols_stiffness.export.gazebo import to_sdf, to_urdf
 from cabols_stiffness.export.mujoco import to_mujoco
 from cabols_stiffness.export.springs import Springs, springs_of
 from cabols_stiffness.model.denavit_hartenberg import ENDINGS
 from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.result_file import read_result, tool_of
-from cabols_stiffness.model.robot import RobotModel, load_robot
+from cabols_stiffness.model.robot import RobotModel
+from cabols_stiffness.table.options import EXPORTED
+from cabols_stiffness.table.robot_options import robot_of
 
-NAMES = {"urdf": "urdf", "sdf": "sdf", "mujoco": "mjcf.xml", "csv": "springs.csv"}
 
+def run(options: argparse.Namespace) -> int:
+    """Export; 0.
 
-def main(words: Sequence[str]) -> int:
-    """Export; 0, 1 if the result cannot be used, 2 for a wrong command line."""
-    options = _arguments(words)
+    Raises:
+        CabolsError: if the result cannot be used.
+    """
     result = read_result(options.result)
     place, turn = tool_of(read_yaml(options.result))
-    locked = dict(joint_position(word) for word in options.lock)
-    robot = load_robot(options.robot or None, options.tip, place, turn, locked=locked)
+    robot = robot_of(options, place, turn)
     springs = springs_of(result, robot)
     command = np.zeros(robot.n) if options.at is None else np.array(options.at)
     if command.shape != (robot.n,):
         raise UsageError(
             f"--at: expected {robot.n} positions, one a joint [rad, m], got {command.size}"
         )
-    path = Path(options.output or options.result.with_name(f"robot.{NAMES[options.to]}"))
+    path = Path(options.output or options.result.with_name(f"robot.{EXPORTED[options.to]}"))
     if path.exists() and not options.overwrite:
         raise UsageError(f"{path}: expected no such file yet, got one; --overwrite replaces it")
     if options.to == "urdf":
@@ -88,17 +88,3 @@ def to_csv(result: StiffnessResult, robot: RobotModel, springs: Springs) -> str:
         unit = "N/m" if robot.slides[j] else "N m/rad"
         rows.writerow([name, unit, *(f"{float(value):.8g}" for value in numbers)])
     return out.getvalue()
-
-
-def _arguments(words: Sequence[str]) -> argparse.Namespace:
-    parser = CommandParser("cabols-stiffness export", __doc__)
-    add = parser.add_argument
-    add("result", type=Path, metavar="RESULT", help="result.yaml of an identification")
-    add("--to", required=True, choices=list(NAMES), help="form of the file")
-    add("--robot", default="", help="as for identify; default: the bench's IRB 1600")
-    add("--tip", default="", help="link that carries the tool; default: tool0 or flange")
-    add("--lock", action="append", default=[], metavar="JOINT=POSITION", help="hold a joint there")
-    add("--at", nargs="+", type=float, metavar="Q", help="commanded positions [rad, m]; default 0")
-    add("--output", default="", help="file to write; default: beside the result")
-    add("--overwrite", action="store_true", help="replace it if it exists")
-    return parser.parse_args(words)

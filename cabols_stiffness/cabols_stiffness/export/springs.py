@@ -10,7 +10,8 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_control.naming import joint_names
 from cabols_stiffness.model.identity import require_usable
-from cabols_stiffness.model.result import LINEAR, StiffnessResult
+from cabols_stiffness.model.model_words import LINEAR
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 
 DAMPING_S = 1e-3
@@ -50,6 +51,11 @@ def springs_of(result: StiffnessResult, robot: RobotModel) -> Springs:
         CabolsError: if a joint was not identified.
     """
     require_usable(result, robot)
+    if robot.coupling is not None:
+        raise CabolsError(
+            f"{robot.name}: expected joints with drives of their own, got coupled ones; a spring a "
+            "joint cannot hold them"
+        )
     if not result.identifiable.all():
         missing = joint_names(np.flatnonzero(~result.identifiable))
         raise CabolsError(

@@ -45,7 +45,8 @@ from cabols_stiffness.identification.observations import (
 from cabols_stiffness.identification.outliers import fit_without_outliers
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.measurements.usable import usable_rows
-from cabols_stiffness.model.result import AS_PUBLISHED, LINEAR, MODELS, Origin, StiffnessResult
+from cabols_stiffness.model.model_words import AS_PUBLISHED, LINEAR, MODELS
+from cabols_stiffness.model.result import Origin, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 
 WORST_RELATIVE = 0.2
@@ -116,7 +117,7 @@ def identify(
     if model != AS_PUBLISHED and judged:
         opinion = judge(observations, found, estimated, result.friction_reach)
         verdict = replace(opinion.verdict, missing=usable.missing, repeated=usable.repeated)
-        result = summarise(found, model, result.friction_reach, opinion.between)
+        result = summarise(found, model, result.friction_reach, opinion.between, opinion.doubt)
         result = replace(result, verdict=verdict)
     return replace(
         result,
@@ -243,7 +244,11 @@ def _check_count(observations: Observations, model: str) -> None:
 
 
 def summarise(
-    found: Fitted, model: str, travel: FloatArray, between: RandomEffects | None = None
+    found: Fitted,
+    model: str,
+    travel: FloatArray,
+    between: RandomEffects | None = None,
+    mistakes: FloatArray | None = None,
 ) -> StiffnessResult:
     """Summarise a fit: stiffness and cubic terms, covariances, intervals, identifiability.
 
@@ -252,6 +257,7 @@ def summarise(
         model: linear, cubic or as_published.
         travel: (n,) reach of the joints' friction [rad].
         between: how configurations that differ are pooled; None: they do not differ.
+        mistakes: (p, p) covariance of the fitted parameters by small mistakes; None: none.
     """
     n, freedom = travel.size, max(found.freedom, 1)
     variance = found.chi_square / freedom
@@ -266,6 +272,13 @@ def summarise(
         width, scatter = student.ppf(0.5 + 0.5 * CONFIDENCE, between.freedom), between.scatter
     if found.doubt is not None:
         normalised = normalised + variance * found.doubt
+    if mistakes is not None:
+        estimated = np.flatnonzero(np.diagonal(found.covariance) > 0.0)
+        scale = np.ones(found.scale.size)
+        scale[:n] = parameters.compliance / found.parameters.compliance
+        normalised = normalised.copy()
+        part = mistakes / np.outer(scale[estimated], scale[estimated])
+        normalised[np.ix_(estimated, estimated)] += part
     relative = np.sqrt(np.diagonal(normalised))
     with_cubic = model != LINEAR
     identifiable = ~found.unidentifiable[:n] & (relative[:n] <= WORST_RELATIVE)

@@ -14,7 +14,8 @@ from cabols_stiffness.measurements.measured_load import MeasuredLoad
 from cabols_stiffness.measurements.measuring_rig import MeasuringRig
 from cabols_stiffness.measurements.reflector_points import Frames, frames_of, to_points
 from cabols_stiffness.measurements.samples import PointSamples
-from cabols_stiffness.model.result import LINEAR, StiffnessResult
+from cabols_stiffness.model.model_words import LINEAR
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 
 STANDARD_GRAVITY = 9.80665

@@ -131,7 +131,7 @@ class Observations:
         self.samples = samples
         self.robot = robot
         self.follows = isinstance(samples, PointSamples)
-        self._unloaded = robot.posture(samples.joints)
+        self.unloaded = robot.posture(samples.joints)
         self._before: FloatArray | None = None
         self.partial = partial_of(samples)
 
@@ -188,7 +188,7 @@ class Observations:
         posture, motion = found.posture, found.posture.jacobian
         if law.published:
             return np.einsum("kij,kj->ki", motion, found.deflection), motion
-        start = self._unloaded
+        start = self.unloaded
         reference = samples.reference_wrench
         assert reference is not None
         if reference.any():

@@ -5,7 +5,8 @@ from __future__ import annotations
 from cabols_stiffness.identification.gauss_newton import IdentificationError
 from cabols_stiffness.identification.identify import identify
 from cabols_stiffness.measurements.samples import PointSamples, concatenate
-from cabols_stiffness.model.result import LINEAR, StiffnessResult
+from cabols_stiffness.model.model_words import LINEAR
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 
 

@@ -20,8 +20,9 @@ from cabols_stiffness.identification.identify import estimate
 from cabols_stiffness.identification.observations import Linearised, Observations, whiten
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.model.elastic.prediction import ElasticModel, covariance_at
+from cabols_stiffness.model.model_words import CUBIC, LINEAR
 from cabols_stiffness.model.prediction import law_of, parameter_covariance
-from cabols_stiffness.model.result import CUBIC, LINEAR, StiffnessResult
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import logarithm
 

@@ -10,18 +10,19 @@ from cabols_control.checks import FloatArray, IntArray
 from cabols_stiffness.identification.elastic_observations import draw
 from cabols_stiffness.identification.hysteresis import has_branches
 from cabols_stiffness.identification.observations import Observations
-from cabols_stiffness.ladder.evidence import Rows
+from cabols_stiffness.ladder.evidence import solve
+from cabols_stiffness.ladder.sums import Sums
 from cabols_stiffness.model.elastic.blocks import (
     Block,
     Coupling,
     Cubic,
     Friction,
-    Rung,
     Varying,
     bodies_of,
 )
 from cabols_stiffness.model.elastic.friction import Form
 from cabols_stiffness.model.elastic.variation import Over, variation
+from cabols_stiffness.model.model_words import Rung
 
 TRAVELS = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.8])
 """Candidates for the motion after which friction is drawn, of a joint's largest deflection."""
@@ -130,46 +131,62 @@ def friction_states(
 
 
 def best_friction(
-    rows: Rows, others: FloatArray, columns: FloatArray, states: FrictionStates, scale: FloatArray
-) -> list[tuple[Candidate, FloatArray, bool]]:
-    """Best travels and joints of each form, beside other columns; its columns (r, p); its memory.
+    sums: Sums, others: list[IntArray], held: IntArray, states: FrictionStates, scale: FloatArray
+) -> list[tuple[Candidate, IntArray, bool]]:
+    """Best travels and joints of each form, beside other columns; its columns (p,); its memory.
 
     Args:
-        rows: of the samples.
-        others: (r, q) columns of the model so far.
-        columns: (r, f, n) of all states.
+        sums: of the samples.
+        others: columns of the model so far.
+        held: (f, n) columns of all states.
         states: of the friction.
         scale: (n,) of the motion that friction holds back [rad].
     """
-    basis, _ = np.linalg.qr(others)
-    flat = columns.reshape(columns.shape[0], -1)
-    apart = (flat - basis @ (basis.T @ flat)).reshape(columns.shape)
-    target = rows.residual - basis @ (basis.T @ rows.residual)
-    n, found = columns.shape[2], []
+    flat = held.ravel()
+    whole = sums.of([*others, flat]).sum(axis=0)
+    own = whole.shape[0] - flat.size
+    inside, across = whole[1:own, 1:own], whole[1:own]
+    beside = np.delete(whole[own:], slice(1, own), axis=1) - across[:, own:].T @ solve(
+        inside, np.delete(across, slice(1, own), axis=1)
+    )
+    # Products of what the others leave of the states' columns: with the residual, with each other.
+    target, apart = beside[:, 0], beside[:, 1:]
+    n, found = held.shape[1], []
+    place = np.arange(flat.size).reshape(held.shape)
     for form in Form:
         for kept in (False, True):
             mine = [i for i, f in enumerate(states.forms) if f is form and states.kept[i] is kept]
-            chosen, left = np.full(n, mine[len(mine) // 2]), target
+            chosen = np.full(n, mine[len(mine) // 2])
             for _ in range(2):
                 for j in range(n):
-                    beside = apart[:, np.delete(chosen, j), np.delete(np.arange(n), j)]
-                    chosen[j] = mine[_most(apart[:, mine, j], left, beside)]
+                    rest = np.delete(place[chosen, np.arange(n)], j)
+                    chosen[j] = mine[_most(apart, target, place[mine, j], rest)]
             # All joints that the loads move: leaving out small ones would bend the others.
-            moved = np.linalg.norm(apart[:, chosen, np.arange(n)], axis=0)
+            moved = np.diagonal(whole)[own:][place[chosen, np.arange(n)]]
             joint: IntArray = np.flatnonzero(moved > 0.0).astype(np.int64)
             if joint.size == 0:
                 continue
             block = Friction(form, joint, states.travel[chosen, np.arange(n)], scale)
             name = f"friction, {form.value}" + (", kept between configurations" if kept else "")
-            found.append((Candidate(name, block, FLAT), columns[:, chosen[joint], joint], kept))
+            found.append((Candidate(name, block, FLAT), held[chosen[joint], joint], kept))
     return found
 
 
-def _most(tried: FloatArray, target: FloatArray, beside: FloatArray) -> int:
-    """Which column (r, t) explains most of a target with a positive sign, beside others."""
-    basis, _ = np.linalg.qr(beside)
-    rest = tried - basis @ (basis.T @ tried)
-    length = np.linalg.norm(rest, axis=0)
-    left = target - basis @ (basis.T @ target)
-    usable = length > 1e-6 * max(float(length.max(initial=0.0)), 1e-300)
-    return int(np.argmax(np.where(usable, rest.T @ left / np.where(usable, length, 1.0), 0.0)))
+def _most(apart: FloatArray, target: FloatArray, tried: IntArray, beside: IntArray) -> int:
+    """Which column of tried explains most of the residual with a positive sign, beside others.
+
+    Args:
+        apart: (f, f) products of all columns.
+        target: (f,) of them with the residual.
+        tried: (t,) columns.
+        beside: (b,) columns that are fitted, too.
+    """
+    right = np.column_stack([target[beside], apart[np.ix_(beside, tried)]])
+    lead = solve(apart[np.ix_(beside, beside)], right)
+    along = target[tried] - apart[np.ix_(tried, beside)] @ lead[:, 0]
+    square = np.diagonal(apart)[tried] - np.sum(
+        apart[np.ix_(tried, beside)].T * lead[:, 1:], axis=0
+    )
+    usable = square > 1e-9 * max(float(np.diagonal(apart)[tried].max(initial=0.0)), 1e-300)
+    length = np.sqrt(np.where(usable, square, 1.0))
+    return int(np.argmax(np.where(usable, along / length, 0.0)))

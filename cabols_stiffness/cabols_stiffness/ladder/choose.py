@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_stiffness.identification.adequacy.suspects import suspects
 from cabols_stiffness.identification.elastic_observations import motion_of, residual_of
 from cabols_stiffness.identification.gauss_newton import Fitted
@@ -28,12 +28,12 @@ from cabols_stiffness.ladder.evidence import (
     HeldOut,
     Rows,
     groups,
-    held_out,
     rows_of,
 )
-from cabols_stiffness.ladder.scatter import predictive
+from cabols_stiffness.ladder.sums import Sums
 from cabols_stiffness.model.elastic.arm import Arm, columns_of, settle
-from cabols_stiffness.model.elastic.blocks import Block, Joints, Rung, Statics
+from cabols_stiffness.model.elastic.blocks import Block, Joints, Statics
+from cabols_stiffness.model.model_words import Rung
 from cabols_stiffness.model.verdict import Suspect
 
 BEYOND_DOUBT = 2.0
@@ -117,7 +117,7 @@ class Choice:
 @dataclass(frozen=True, eq=False)
 class _Tried:
     candidate: Candidate
-    columns: FloatArray
+    at: IntArray
     score: HeldOut
     kept: bool
 
@@ -167,14 +167,19 @@ class Ladder:
         self._joints = Candidate("joints", joints, FLAT)
         self._at = groups([block.size for block in blocks])
         self._blocks = blocks
+        self._held: IntArray | None = None
+        if self._states is not None:
+            held = np.arange(self._at[-1].stop, first)
+            self._held = held.reshape(len(self._states.forms), self.scale.size)
+        self._sums = Sums(self._rows, self._columns(joints))
 
     def _same(self, index: int) -> bool:
         """Whether a candidate's block is that of the one before it."""
         return index > 0 and self._candidates[index].block is self._candidates[index - 1].block
 
-    def _columns(self, block: Block) -> FloatArray:
+    def _columns(self, block: Block) -> IntArray:
         index = next(i for i, one in enumerate(self._blocks) if one is block)
-        return self._rows.columns[:, self._at[index]]
+        return np.arange(self._at[index].start, self._at[index].stop)
 
     def climb(self, rungs: frozenset[Rung] | None = None) -> Choice:
         """Add rungs while held-out predictions improve.
@@ -259,13 +264,12 @@ class Ladder:
 
     def _fault(self, taken: list[_Tried], before: HeldOut, rung: HeldOut) -> Fault | None:
         """Wrong data that predict better than the best rung, with what is taken beside them."""
-        so_far = np.hstack([one.columns for one in taken])
+        so_far = [one.at for one in taken]
         prior = np.concatenate([_precision(one.candidate, 1.0) for one in taken])
         best, found = float(rung.squares.sum()), None
         for suspect, at in zip(self._faults, self._fault_at, strict=True):
-            both = np.hstack([so_far, self._rows.columns[:, at]])
             precision = np.append(prior, np.zeros(at.stop - at.start))
-            score = predictive(self._rows, both, precision, self.reach.size)
+            score = self._sums.predictive([*so_far, np.arange(at.start, at.stop)], precision)
             gain, doubt = _gain(before, score)
             clear = gain > max(BEYOND_DOUBT * doubt, LEAST_OF_FAULTS)
             if clear and float(score.squares.sum()) < best:
@@ -274,28 +278,24 @@ class Ladder:
 
     def _raw(self, taken: list[_Tried]) -> HeldOut:
         """Held-out error in the stated noise, whatever scatters."""
-        columns = np.hstack([one.columns for one in taken])
         precision = np.concatenate([_precision(one.candidate, 1.0) for one in taken])
-        return held_out(self._rows, columns, precision)
+        return self._sums.held_out([one.at for one in taken], precision)
 
     def _tried(self, taken: list[_Tried], left: set[Rung]) -> tuple[HeldOut, list[_Tried]]:
         """Held-out deviance of what is taken, and with each candidate beside it."""
-        so_far = np.hstack([one.columns for one in taken])
+        so_far = [one.at for one in taken]
         prior = np.concatenate([_precision(one.candidate, 1.0) for one in taken])
-        score = predictive(self._rows, so_far, prior, self.reach.size)
+        score = self._sums.predictive(so_far, prior)
         found = [(one, self._columns(one.block), False) for one in self._candidates
                  if one.rung in left]  # fmt: skip
-        if Rung.FRICTION in left and self._states is not None:
-            shape = (-1, len(self._states.forms), self.reach.size)
-            ends = self._fault_at[0].start if self._fault_at else None
-            columns = self._rows.columns[:, self._at[-1].stop : ends].reshape(shape)
-            found += best_friction(self._rows, so_far, columns, self._states, self.reach)
+        if Rung.FRICTION in left and self._states is not None and self._held is not None:
+            held = self._held
+            found += best_friction(self._sums, so_far, held, self._states, self.reach)
         tried = []
-        for candidate, columns, kept in found:
-            both = np.hstack([so_far, columns])
+        for candidate, at, kept in found:
             precision = np.concatenate([prior, _precision(candidate, 1.0)])
-            after = predictive(self._rows, both, precision, self.reach.size)
-            tried.append(_Tried(candidate, columns, after, kept))
+            after = self._sums.predictive([*so_far, at], precision)
+            tried.append(_Tried(candidate, at, after, kept))
         return score, tried
 
     @staticmethod

@@ -21,7 +21,8 @@ from cabols_stiffness.ladder.choose import Choice
 from cabols_stiffness.ladder.evidence import Rows, rows_of, solve
 from cabols_stiffness.ladder.scatter import Scatter, scatter_of, weighted
 from cabols_stiffness.model.elastic.arm import ACCURACY, Arm, settle
-from cabols_stiffness.model.elastic.blocks import Friction, Joints, Rung, Statics
+from cabols_stiffness.model.elastic.blocks import Friction, Joints, Statics
+from cabols_stiffness.model.model_words import Rung
 
 STEPS = 8
 CONVERGED = 0.03

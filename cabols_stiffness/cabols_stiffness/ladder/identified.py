@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentTypeError
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,17 +19,15 @@ from cabols_stiffness.identification.identify import (
 from cabols_stiffness.identification.observations import Observations
 from cabols_stiffness.ladder.choose import Choice, Ladder
 from cabols_stiffness.ladder.fit import ElasticFit, fit_choice
-from cabols_stiffness.ladder.judgement import judge_elastic
+from cabols_stiffness.ladder.judgement import judge_elastic, small_mistakes, suspects_of
 from cabols_stiffness.ladder.kinematics import Calibration, calibrate
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.measurements.usable import usable_rows
-from cabols_stiffness.model.elastic.blocks import Friction, Rung
+from cabols_stiffness.model.elastic.blocks import Friction
 from cabols_stiffness.model.elastic.prediction import ElasticModel
-from cabols_stiffness.model.result import LINEAR, MODELS, StiffnessResult
+from cabols_stiffness.model.model_words import AUTO, LINEAR, Rung, rungs_of
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
-
-AUTO = "auto"
-"""Let held-out configurations choose the rungs."""
 
 COMBINATIONS_WORST = 0.1
 """Relative deviation up to which a combination of compliances is reported."""
@@ -73,38 +70,6 @@ class Identified:
     calibration: Calibration | None
 
 
-def rungs_of(words: str) -> frozenset[Rung] | None:
-    """Rungs that a word such as "auto" or "joints+base+friction" names; None: those that pay.
-
-    Raises:
-        CabolsError: if one is unknown.
-    """
-    if words == AUTO:
-        return None
-    try:
-        return frozenset(Rung(word) for word in words.split("+"))
-    except ValueError as error:
-        known = "+".join(Rung)
-        raise CabolsError(
-            f"model: expected {', '.join(MODELS)}, {AUTO}, or some of {known} joined by +, got "
-            f"{words!r}"
-        ) from error
-
-
-def model_word(word: str) -> str:
-    """Check a command line's word for a model; empty stands for the default.
-
-    Raises:
-        ArgumentTypeError: if it is unknown.
-    """
-    if word and word not in MODELS:
-        try:
-            rungs_of(word)
-        except CabolsError as error:
-            raise ArgumentTypeError(str(error)) from error
-    return word
-
-
 def identify_ladder(
     samples: PointSamples | Samples, robot: RobotModel, model: str = AUTO
 ) -> Identified:
@@ -121,6 +86,11 @@ def identify_ladder(
         IdentificationError: if there are too few samples or too many outliers.
     """
     rungs = rungs_of(model)
+    if robot.coupling is not None:
+        raise CabolsError(
+            "model: expected linear or cubic for a robot whose coupling is known, got the ladder; "
+            "leave the coupling out and let the ladder find it (joints+coupling)"
+        )
     usable = usable_rows(samples)
     observations = Observations(usable.samples, robot)
     found, model_alone, joints = estimate(observations, LINEAR, hysteresis=False)
@@ -134,8 +104,11 @@ def identify_ladder(
         observations = Observations(calibration.samples, calibration.robot)
         found = refit(observations, model_alone, found.parameters, robust=False, use=found.use)
         fit = fit_choice(observations, found, choice, fit)
+    tried = suspects_of(observations, found, fit)
+    doubt = small_mistakes(fit, tried)
+    fit = replace(fit, covariance=fit.covariance + doubt.covariance)
     elastic = ElasticModel(observations.robot, fit.arm, fit.covariance, fit.scatter.deviation)
-    verdict = judge_elastic(observations, found, fit, joints, choice.fault)
+    verdict = judge_elastic(observations, found, fit, joints, choice.fault, tried, doubt)
     verdict = replace(verdict, missing=usable.missing, repeated=usable.repeated)
     compliance = fit.arm.values[: robot.n] * ladder.scale
     relative = _relative(fit, robot.n)

@@ -7,6 +7,12 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from cabols_control.checks import FloatArray
+from cabols_stiffness.identification.adequacy.small_mistakes import (
+    SIZES,
+    Doubt,
+    SmallMistakes,
+    likely,
+)
 from cabols_stiffness.identification.adequacy.suspects import suspects
 from cabols_stiffness.identification.adequacy.texts import TEXTS, text_of
 from cabols_stiffness.identification.adequacy.wrong_data import wrong_data
@@ -14,7 +20,7 @@ from cabols_stiffness.identification.gauss_newton import Fitted
 from cabols_stiffness.identification.observations import Observations
 from cabols_stiffness.ladder.choose import Fault
 from cabols_stiffness.ladder.evidence import rows_of
-from cabols_stiffness.ladder.fit import ElasticFit
+from cabols_stiffness.ladder.fit import ElasticFit, prior_precision
 from cabols_stiffness.ladder.scatter import weighted
 from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.verdict import Finding, Grade, Suspect, Verdict
@@ -37,21 +43,66 @@ INDEPENDENT = 1e-4
 """Relative singular value below which a cause is what the model has already."""
 
 
+Columns = dict[Suspect, FloatArray]
+
+
+def suspects_of(observations: Observations, found: Fitted, fit: ElasticFit) -> Columns:
+    """(r, m) columns of each suspect, whitened and weighted as the fit's rows.
+
+    Args:
+        observations: of the robot.
+        found: fit of the joints alone.
+        fit: of the chosen blocks.
+    """
+    n = fit.scatter.deviation.size
+    tried = suspects(observations, found, False)
+    parts = [fit.columns[..., :n], *tried.values()]
+    ends = np.cumsum([one.shape[2] for one in parts])[:-1]
+    rows = rows_of(observations, fit.residual, np.concatenate(parts, axis=2), fit.line, fit.use)
+    joints, *others = np.split(rows.columns, ends, axis=1)
+    whole = weighted(rows, joints, fit.scatter, np.hstack(others))
+    return dict(zip(tried, np.split(whole, ends[1:] - n, axis=1), strict=True))
+
+
+def small_mistakes(fit: ElasticFit, tried: Columns) -> Doubt:
+    """What small mistakes in the data may have done to the fit's values.
+
+    Args:
+        fit: of the chosen blocks.
+        tried: columns of the suspects.
+    """
+    rows, values = fit.rows, fit.arm.values
+    prior = np.sqrt(prior_precision(fit.taken, fit.variance))
+    held = prior > 0.0
+    base = np.vstack([rows.columns, np.diag(prior)[held]])
+    target = np.concatenate([rows.residual, (-prior * values)[held]])
+    mistakes = SmallMistakes(base, target, max(fit.variance, 1.0))
+    for suspect, columns in tried.items():
+        if suspect in SIZES:
+            nothing = np.zeros((int(held.sum()), columns.shape[1]))
+            mistakes.add(suspect, np.vstack([columns, nothing]))
+    return mistakes.doubt(fit.scatter.deviation.size)
+
+
 def judge_elastic(
     observations: Observations,
     found: Fitted,
     fit: ElasticFit,
     joints: StiffnessResult,
     fault: Fault | None,
+    tried: Columns,
+    doubt: Doubt,
 ) -> Verdict:
     """Judge the chosen model.
 
     Args:
         observations: of the robot.
-        found: fit of the joints alone, for the suspects' columns.
+        found: fit of the joints alone.
         fit: of the chosen blocks.
         joints: result of the joints alone.
         fault: of the data, that the ladder met.
+        tried: columns of the suspects.
+        doubt: about the fit, by small mistakes.
     """
     n = joints.n
     motion = fit.columns @ fit.arm.values
@@ -61,7 +112,8 @@ def judge_elastic(
     chi_square = float(left @ left)
     explained = 1.0 - chi_square / max(float((moved + left) @ (moved + left)), 1e-300)
     chance = float(chi2.sf(fit.variance * fit.freedom, fit.freedom))
-    findings = _named(observations, found, fit, float(moved @ moved))
+    findings = _named(fit, tried, float(moved @ moved))
+    findings += likely(doubt, {one.suspect for one in findings})
     if fault is not None:
         gain = (
             f"it predicts held-out configurations better than any other model, by {fault.gain:.0%}"
@@ -110,26 +162,17 @@ def _by_axis(residual: FloatArray, motion: FloatArray) -> FloatArray:
     return np.asarray(1.0 - np.minimum(np.sum(residual**2, axis=0) / total, 1.0))
 
 
-def _named(
-    observations: Observations, found: Fitted, fit: ElasticFit, moved: float
-) -> list[Finding]:
+def _named(fit: ElasticFit, tried: Columns, moved: float) -> list[Finding]:
     """Causes that the residuals still hold, beside all that was chosen."""
     rows = fit.rows
     left, singular, _ = np.linalg.svd(rows.columns, full_matrices=False)
     basis = left[:, singular > 1e-6 * singular[0]]
     rest = rows.residual - basis @ (basis.T @ rows.residual)
     squares, freedom = float(rest @ rest), float(fit.freedom)
-    tried = suspects(observations, found, False)
-    n = fit.scatter.deviation.size
-
-    def whitened(columns: FloatArray) -> FloatArray:
-        return rows_of(observations, fit.residual, columns, fit.line, fit.use).columns
-
-    joints, results = whitened(fit.columns[..., :n]), []
+    results = []
     for suspect, columns in tried.items():
-        own = weighted(rows, joints, fit.scatter, whitened(columns))
-        length = np.linalg.norm(own, axis=0)
-        own = own[:, length > 0.0] / length[length > 0.0]
+        length = np.linalg.norm(columns, axis=0)
+        own = columns[:, length > 0.0] / length[length > 0.0]
         directions, sizes, _ = np.linalg.svd(own - basis @ (basis.T @ own), full_matrices=False)
         directions = directions[:, sizes > INDEPENDENT]
         count = directions.shape[1]

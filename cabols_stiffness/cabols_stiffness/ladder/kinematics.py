@@ -21,7 +21,8 @@ from cabols_stiffness.ladder.choose import BEYOND_DOUBT, LEAST_GAIN, Step
 from cabols_stiffness.ladder.evidence import HeldOut, Rows, held_out, solve
 from cabols_stiffness.ladder.fit import ElasticFit
 from cabols_stiffness.measurements.samples import REFERENCE, PointSamples
-from cabols_stiffness.model.elastic.blocks import Joints, Rung, Statics
+from cabols_stiffness.model.elastic.blocks import Joints, Statics
+from cabols_stiffness.model.model_words import Rung
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import exponential
 

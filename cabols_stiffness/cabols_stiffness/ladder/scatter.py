@@ -7,8 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_stiffness.identification.adequacy.normal import Blocks, heterogeneity, random_effects
-from cabols_stiffness.ladder.evidence import HeldOut, Rows, held_out, solve
+from cabols_stiffness.identification.adequacy.normal import (
+    Blocks,
+    heterogeneity,
+    random_effects,
+    whitened_by_scatter,
+)
+from cabols_stiffness.ladder.evidence import Rows
 
 DIFFER = 1e-4
 """Chance of Cochran's Q below which configurations differ."""
@@ -54,11 +59,27 @@ def scatter_of(
     n, count = joints.shape[1], rows.fold.size
     matrix = np.array([joints[at].T @ joints[at] for at in rows.parts]).reshape(count, n, n)
     target = np.array([joints[at].T @ residual[at] for at in rows.parts]).reshape(count, n)
+    return scatter_of_sums(rows, matrix, target, float(residual @ residual), quick)
+
+
+def scatter_of_sums(
+    rows: Rows, matrix: FloatArray, target: FloatArray, squares: float, quick: bool = False
+) -> Scatter:
+    """Do as scatter_of, from the cells' normal equations.
+
+    Args:
+        rows: of the samples.
+        matrix: (c, n, n) products of the joints' columns.
+        target: (c, n) of them with the residual.
+        squares: of the residual, their sum.
+        quick: as scatter_of.
+    """
+    count, n = target.shape
     values, vectors = np.linalg.eigh(matrix)
     known = values > 1e-9 * np.maximum(values[:, -1:], 1e-300)
     along = np.einsum("cij,ci->cj", vectors, target)
     own = np.where(known, along**2 / np.where(known, values, 1.0), 0.0)
-    left = float(residual @ residual) - float(own.sum())
+    left = max(squares - float(own.sum()), 0.0)
     rank = int(known.sum())
     within = max(round(rows.freedom) - rank, 1)
     none = Scatter(np.zeros(n), left / within, np.full(n, float(within)))
@@ -84,35 +105,6 @@ def _quick(parts: Blocks) -> FloatArray:
     return np.asarray(np.sqrt(square))
 
 
-def predictive(rows: Rows, columns: FloatArray, precision: FloatArray, n: int) -> HeldOut:
-    """Deviance of held-out cells, the model's own scatter between cells taken into account.
-
-    It is minus twice the logarithm of the likelihood, but for a constant: squared errors in their
-    own covariance, and the logarithm of its determinant. So a model that explains why cells differ
-    gains over one that calls it scatter.
-
-    Args:
-        rows: of the samples.
-        columns: (r, p) of the model, joints first.
-        precision: (p,) of the prior of each parameter about zero; 0: none.
-        n: number of joints.
-    """
-    gram = columns.T @ columns + np.diag(precision)
-    left = rows.residual - columns @ solve(gram, columns.T @ rows.residual)
-    joints = columns[:, :n]
-    scatter = scatter_of(rows, left, joints, quick=True)
-    if not scatter.any:
-        return held_out(rows, columns, precision)
-    scaled = replace(rows, residual=weighted(rows, joints, scatter, rows.residual))
-    found = held_out(scaled, weighted(rows, joints, scatter, columns), precision)
-    size = scatter.deviation / np.sqrt(scatter.variance)
-    volume = np.empty(rows.fold.size)
-    for c, at in enumerate(rows.parts):
-        mine = joints[at] * size
-        volume[c] = np.linalg.slogdet(np.eye(n) + mine.T @ mine)[1]
-    return replace(found, squares=found.squares + scatter.variance * volume)
-
-
 def weighted(rows: Rows, joints: FloatArray, scatter: Scatter, values: FloatArray) -> FloatArray:
     """(r, ...) values, whitened where the cells' joints scatter.
 
@@ -127,12 +119,5 @@ def weighted(rows: Rows, joints: FloatArray, scatter: Scatter, values: FloatArra
     found = values.copy()
     size = scatter.deviation / np.sqrt(scatter.variance)
     for at in rows.parts:
-        own = joints[at] * size
-        # Of X X^T with X = U s V^T the part along U shrinks by 1 - 1 / sqrt(1 + s^2).
-        square, vectors = np.linalg.eigh(own.T @ own)
-        square = np.maximum(square, 0.0)
-        root = np.sqrt(1.0 + square)
-        # (1 - 1 / root) / square without its difference, which vanishes with square.
-        inner = (vectors / (root * (1.0 + root))) @ vectors.T
-        found[at] -= own @ (inner @ (own.T @ values[at]))
+        found[at] = whitened_by_scatter(joints[at], size, values[at])
     return found

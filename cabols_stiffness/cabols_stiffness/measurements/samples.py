@@ -233,9 +233,9 @@ def _check_joints(samples: PointSamples | Samples) -> int:
 
 
 def _width(joints: ArrayLike) -> int:
-    """Number of joints, of a table of them; six if it is none or has fewer."""
+    """Number of joints, of a table of them; six if it is none."""
     shape = np.shape(joints)
-    return max(shape[1], 6) if len(shape) == 2 else 6
+    return max(shape[1], 1) if len(shape) == 2 else 6
 
 
 def _check_common(samples: PointSamples | Samples, k: int) -> None:

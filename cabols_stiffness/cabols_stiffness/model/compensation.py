@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import CabolsError
-from cabols_control.naming import joint_name, joint_names
+from cabols_control.naming import joint_names
 from cabols_stiffness.model.balance import Law
 from cabols_stiffness.model.elastic.prediction import correct_elastic
 from cabols_stiffness.model.identity import UnusableResultError, require_inside
+from cabols_stiffness.model.model_words import AS_PUBLISHED
 from cabols_stiffness.model.prediction import BEYOND, Prediction, law_of, predict
-from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import turn
 
@@ -74,6 +75,7 @@ def correct(
             _require_small(result, robot, prediction)
         model = result.elastic.with_tool_of(robot)
         command = correct_elastic(model, at, load, follows=follows)
+        _require_limits(robot, command[0])
         return Correction(command[0], prediction, prediction.covariance)
     if result.model == AS_PUBLISHED or not result.identifiable.all():
         missing = joint_names(np.flatnonzero(~result.identifiable))
@@ -92,19 +94,26 @@ def correct(
     law = law_of(result)
     moved = _solved(law, torque, prediction.joints[None])
     command = at - moved[0]
-    lower, upper = robot.limits.T
-    outside = (command < lower) | (command > upper)
-    if outside.any():
-        j = int(np.flatnonzero(outside)[0])
-        raise CabolsError(
-            f"joints: expected a command within {robot.limits[j, 0]:.4f} to "
-            f"{robot.limits[j, 1]:.4f} rad for {joint_name(j)}, got {command[j]:.4f}; move the pose"
-        )
+    _require_limits(robot, command)
     slope = law.slope(moved)[0]
     columns = np.hstack([np.diag(-moved[0] / slope), np.diag(-(moved[0] ** 3) / slope)])
     spread = columns @ result.parameter_covariance @ columns.T
     jacobian = posture.jacobian[0]
     return Correction(command, prediction, np.asarray(jacobian @ spread @ jacobian.T))
+
+
+def _require_limits(robot: RobotModel, command: FloatArray) -> None:
+    """Refuse a command (n,) beyond a joint's limit."""
+    command, (lower, upper) = robot.joints_of(command), robot.limits.T
+    outside = ~((command >= lower) & (command <= upper))
+    if outside.any():
+        j = int(np.flatnonzero(outside)[0])
+        unit = "m" if robot.slides[j] else "rad"
+        raise CabolsError(
+            f"joints: expected a command within {robot.limits[j, 0]:.4f} to "
+            f"{robot.limits[j, 1]:.4f} {unit} for {robot.joint_names[j]}, got {command[j]:.4f}; "
+            "move the pose"
+        )
 
 
 def _require_small(result: StiffnessResult, robot: RobotModel, found: Prediction) -> None:

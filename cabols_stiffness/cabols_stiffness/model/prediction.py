@@ -16,7 +16,8 @@ from cabols_stiffness.model.elastic.prediction import (
     predict_elastic,
 )
 from cabols_stiffness.model.identity import require_usable
-from cabols_stiffness.model.result import AS_PUBLISHED, StiffnessResult
+from cabols_stiffness.model.model_words import AS_PUBLISHED
+from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import logarithm
 

@@ -10,9 +10,6 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_stiffness.model.elastic.prediction import ElasticModel
 from cabols_stiffness.model.verdict import Verdict
 
-LINEAR, CUBIC, AS_PUBLISHED = "linear", "cubic", "as_published"
-MODELS = (LINEAR, CUBIC, AS_PUBLISHED)
-
 
 @dataclass(frozen=True, eq=False)
 class Origin:

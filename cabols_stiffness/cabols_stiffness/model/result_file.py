@@ -16,7 +16,8 @@ from cabols_control.checks import FloatArray, finite_array
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_stiffness.model.elastic.file import ELASTIC, read_elastic, write_elastic
-from cabols_stiffness.model.result import LINEAR, MODELS, Origin, StiffnessResult
+from cabols_stiffness.model.model_words import LINEAR, MODELS
+from cabols_stiffness.model.result import Origin, StiffnessResult
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.verdict_file import read_verdict, verdict_mapping
 

@@ -24,6 +24,9 @@ from cabols_stiffness.model.denavit_hartenberg import ENDINGS, read_dh
 JOINTS = 6
 """Of the rig's own robot, and least number of joints unless a caller asks for fewer."""
 
+WORST_COUPLING = 1e3
+"""Condition number of a coupling beyond which it is none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Posture:
@@ -35,6 +38,8 @@ class Posture:
         axes: (k, n, 3) unit vectors of the joints.
         arms: (k, n, 3) from each joint to the tool's origin [m].
         slides: (n,) joints that slide along their axis; None: all turn about it.
+        coupling: (n, n) positions of the joints by those of coupled drives; None: each its own. It
+            turns rates, speeds, torques and stiffness into the drives'.
     """
 
     position: FloatArray
@@ -42,17 +47,29 @@ class Posture:
     axes: FloatArray
     arms: FloatArray
     slides: BoolArray | None = None
+    coupling: FloatArray | None = None
 
     @property
     def rates(self) -> FloatArray:
         """(k, n, 3) angular velocity of the tool by each joint: none by one that slides."""
-        return self.axes if self.slides is None else self.axes * ~self.slides[:, None]
+        return self._by_drives(self._joint_rates)
 
     @property
     def speeds(self) -> FloatArray:
         """(k, n, 3) velocity of the tool's origin by each joint."""
+        return self._by_drives(self._joint_speeds)
+
+    @property
+    def _joint_rates(self) -> FloatArray:
+        return self.axes if self.slides is None else self.axes * ~self.slides[:, None]
+
+    @property
+    def _joint_speeds(self) -> FloatArray:
         turned = _cross(self.axes, self.arms)
         return turned if self.slides is None else np.where(self.slides[:, None], self.axes, turned)
+
+    def _by_drives(self, moved: FloatArray) -> FloatArray:
+        return moved if self.coupling is None else self.coupling.T @ moved
 
     @property
     def jacobian(self) -> FloatArray:
@@ -64,7 +81,8 @@ class Posture:
         lever = _cross(self.arms, wrench[:, None, :3]) + wrench[:, None, 3:]
         if self.slides is not None:
             lever = np.where(self.slides[:, None], wrench[:, None, :3], lever)
-        return np.asarray(np.einsum("kij,kij->ki", self.axes, lever))
+        torque = np.asarray(np.einsum("kij,kij->ki", self.axes, lever))
+        return torque if self.coupling is None else torque @ self.coupling
 
     def complementary_stiffness(self, wrench: FloatArray, follows: bool = False) -> FloatArray:
         """(k, n, n) K_C of (4.14): column j is the torques' derivative by joint j [N m/rad].
@@ -79,7 +97,7 @@ class Posture:
                 direction in the base (a dead weight).
         """
         # As products of matrices, with f . (z x v) = (f x z) . v.
-        speeds, rates = self.speeds, self.rates
+        speeds, rates = self._joint_speeds, self._joint_rates
         by_force = _cross(wrench[:, None, :3], rates)
         by_moment = _cross(wrench[:, None, 3:], rates)
         upper = by_force @ speeds.swapaxes(1, 2)
@@ -88,7 +106,8 @@ class Posture:
         n = rates.shape[1]
         before = np.tril(np.ones((n, n)), -1)
         found = upper * (1.0 - before) + (lower + turned) * before
-        return np.asarray(found - lower - turned if follows else found)
+        found = np.asarray(found - lower - turned if follows else found)
+        return found if self.coupling is None else self.coupling.T @ found @ self.coupling
 
 
 def _times(matrices: FloatArray, matrix: FloatArray) -> FloatArray:
@@ -121,6 +140,9 @@ class RobotModel:
         flange_rotation: (3, 3) likewise.
         tool_position: (3,) of the tool's origin, in the flange's axes [m].
         tool_rotation: (3, 3) from tool to flange axes.
+        coupling: (n, n) positions of the joints by those of the drives, where these are coupled (a
+            parallelogram, a wrist); None: each joint has its own. With it "joints" of all that is
+            computed are the drives; see `drives` and `joints_of`.
     """
 
     name: str
@@ -135,6 +157,7 @@ class RobotModel:
     flange_rotation: FloatArray
     tool_position: FloatArray
     tool_rotation: FloatArray
+    coupling: FloatArray | None = None
 
     @property
     def n(self) -> int:
@@ -144,7 +167,11 @@ class RobotModel:
     @property
     def kinematics(self) -> str:
         """Hash of the joints' placement, to a micrometre and a microradian; not of the tool."""
-        parts = (self.origins, self.rotations, self.joint_axes, self.slides.astype(np.float64))
+        parts: tuple[FloatArray, ...] = (
+            self.origins, self.rotations, self.joint_axes, self.slides.astype(np.float64),
+        )  # fmt: skip
+        if self.coupling is not None:
+            parts += (self.coupling,)
         numbers = np.concatenate([np.round(part, 6).ravel() + 0.0 for part in parts])
         return sha256(numbers.astype("<f8").tobytes()).hexdigest()
 
@@ -163,8 +190,36 @@ class RobotModel:
             self, tool_position=finite_array("position", position, (3,)), tool_rotation=turned
         )
 
+    def drives(self, joints: FloatArray) -> FloatArray:
+        """(..., n) positions of the drives at (..., n) positions of the joints [rad, m]."""
+        return joints if self.coupling is None else joints @ np.linalg.inv(self.coupling).T
+
+    def joints_of(self, drives: FloatArray) -> FloatArray:
+        """(..., n) positions of the joints at (..., n) positions of the drives [rad, m]."""
+        return drives if self.coupling is None else drives @ self.coupling.T
+
+    def coupled(self, coupling: ArrayLike) -> RobotModel:
+        """Return the same robot with drives that move several joints.
+
+        Args:
+            coupling: (n, n) positions of the joints by those of the drives; the identity without.
+
+        Raises:
+            ConfigError: if it has no inverse, or mixes joints that turn with such that slide.
+            ShapeError: if it has another shape or is not finite.
+        """
+        matrix = finite_array("coupling", coupling, (self.n, self.n))
+        mixed = matrix[self.slides[:, None] != self.slides[None, :]]
+        if mixed.any() or not np.linalg.cond(matrix) < WORST_COUPLING:
+            raise ConfigError(
+                "coupling: expected a matrix with an inverse, that couples joints which turn with "
+                f"each other, or such that slide, got {matrix.tolist()}"
+            )
+        return replace(self, coupling=matrix)
+
     def posture(self, joints: FloatArray) -> Posture:
         """Kinematics at (k, n) joint positions [rad, m], unchecked."""
+        joints = self.joints_of(joints)
         k, n = joints.shape[0], self.n
         position, rotation = np.zeros((k, 3)), np.broadcast_to(np.eye(3), (k, 3, 3))
         points, axes = np.empty((k, n, 3)), np.empty((k, n, 3))
@@ -185,7 +240,8 @@ class RobotModel:
         position = position + rotation @ self.tool_position
         arms = position[:, None, :] - points
         slides = self.slides if self.slides.any() else None
-        return Posture(position, rotation @ self.tool_rotation, axes, arms, slides)
+        turned = rotation @ self.tool_rotation
+        return Posture(position, turned, axes, arms, slides, self.coupling)
 
     def forward(self, joints: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Pose of the tool.

@@ -32,6 +32,8 @@ class Suspect(StrEnum):
     BASE_FRAME = "base_frame"
     WRENCH_FRAME = "wrench_frame"
     WRENCH_GAIN = "wrench_gain"
+    WRENCH_BIAS = "wrench_bias"
+    WEIGHT = "weight"
     COUPLING = "coupling"
     BASE = "base"
     BEARINGS = "bearings"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+import numpy as np
 from cabols_msgs.srv import CorrectJoints
 
 from cabols_control.configuration import read_yaml
@@ -45,14 +46,15 @@ class CompensationNode(ControlNode):
 
     def _answer(self, request: Any, response: Any) -> Any:
         try:
-            found = correct(self._result, self._robot, request.joints, request.wrench)
+            drives = self._robot.drives(np.asarray(request.joints))
+            found = correct(self._result, self._robot, drives, request.wrench)
         except CabolsError as error:
             response.code, response.message = int(ResultCode.BAD_REQUEST), str(error)
             return response
         response.success, response.code = True, int(ResultCode.DONE)
         response.deflection = found.prediction.deflection
         response.covariance = found.prediction.covariance.ravel()
-        response.joints = found.joints
+        response.joints = self._robot.joints_of(found.joints)
         return response
 
 

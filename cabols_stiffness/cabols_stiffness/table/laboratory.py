@@ -92,6 +92,26 @@ def to_samples(
     )
 
 
+def not_used(table: Table, stated: Stated) -> tuple[str, ...]:
+    """Columns that are known, but of which nothing is taken beside the others.
+
+    Args:
+        table: of a laboratory.
+        stated: as to_samples.
+    """
+    moved, turned = table.together("d") is not None, table.together("r") is not None
+    position = table.together("p") is not None
+    left = []
+    if turned and not (moved and not np.any(stated.reflector)):
+        left.append("r")
+    if moved and position:
+        left.append("p")
+    found = [role for role in table.columns if len(role) == 2 and role[0] in left]
+    if "distance" in table.columns and (moved or position):
+        found.append("distance")
+    return tuple(found)
+
+
 def _poses(
     table: Table, stated: Stated, rotation: FloatArray, moved: FloatArray, turned: FloatArray
 ) -> Samples:

@@ -17,25 +17,24 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.command_line import DONE, CommandParser
+from cabols_control.command_line import DONE
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, UsageError
 from cabols_control.files.plain_numbers import plain_number
 from cabols_stiffness.data_files.cells import Cells, read_cells
-from cabols_stiffness.data_files.command_words import joint_position
 from cabols_stiffness.errors import TableError
 from cabols_stiffness.model.compensation import correct
 from cabols_stiffness.model.identity import require_usable
 from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.result_file import read_result, tool_of
-from cabols_stiffness.model.robot import RobotModel, load_robot
+from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import logarithm
-from cabols_stiffness.table.units import JOINT, meaning
+from cabols_stiffness.table.robot_options import robot_of
+from cabols_stiffness.table.units import JOINT, is_known, meaning
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 MORE = (
@@ -73,7 +72,7 @@ def read_program(path: str | Path, n: int, wrench: Sequence[float] | None) -> Pr
     Raises:
         TableError: naming line and column, what was expected and what came.
     """
-    cells = read_cells(path)
+    cells = read_cells(path, is_known)
     found: dict[str, tuple[int, float]] = {}
     for index, header in enumerate(cells.headers):
         try:
@@ -152,7 +151,7 @@ def corrected_program(
     rows = csv.writer(out, lineterminator="\n")
     rows.writerow(_headers(program.cells))
     for i, (line, cells) in enumerate(zip(program.cells.lines, program.cells.rows, strict=True)):
-        at = program.joints[i]
+        at = robot.drives(program.joints[i])
         try:
             found = correct(
                 result, robot, at, program.wrench[i], follows=follows, anywhere=anywhere
@@ -160,8 +159,9 @@ def corrected_program(
         except CabolsError as error:
             raise CabolsError(f"line {line}: {error}; nothing was written") from error
         changed = list(cells)
+        command = robot.joints_of(found.joints)
         for j, (index, factor) in enumerate(program.joint):
-            changed[index] = f"{found.joints[j] / factor:.9g}"
+            changed[index] = f"{command[j] / factor:.9g}"
         both = robot.posture(np.array([at, found.joints]))
         shift = both.position[1] - both.position[0]
         turned = logarithm((both.rotation[1] @ both.rotation[0].T)[None])[0]
@@ -175,9 +175,12 @@ def _headers(cells: Cells) -> list[str]:
     return [f"{name} [{unit}]" if unit else name for name, unit in pairs] + list(MORE)
 
 
-def main(words: Sequence[str]) -> int:
-    """Correct a program; 0, 1 if it cannot be, 2 for a wrong command line."""
-    options = _arguments(words)
+def run(options: argparse.Namespace) -> int:
+    """Correct a program; 0.
+
+    Raises:
+        CabolsError: if it cannot be.
+    """
     path = Path(
         options.output or options.program.with_name(f"{options.program.stem}_corrected.csv")
     )
@@ -186,8 +189,7 @@ def main(words: Sequence[str]) -> int:
     content = read_yaml(options.result)
     result = read_result(options.result)
     place, turn = tool_of(content)
-    locked = dict(joint_position(word) for word in options.lock)
-    robot = load_robot(options.robot or None, options.tip, place, turn, locked=locked)
+    robot = robot_of(options, place, turn)
     program = read_program(options.program, robot.n, options.wrench)
     follows = options.wrench_axes == "tool"
     text = corrected_program(program, result, robot, follows=follows, anywhere=options.anywhere)
@@ -203,21 +205,3 @@ def _moved(text: str) -> FloatArray:
     """(k, 3) deflections of a corrected program [mm]."""
     rows = list(csv.DictReader(io.StringIO(text)))
     return np.array([[float(row[name]) for name in MORE[:3]] for row in rows])
-
-
-def _arguments(words: Sequence[str]) -> argparse.Namespace:
-    parser = CommandParser("cabols-stiffness correct", __doc__)
-    add = parser.add_argument
-    add("program", type=Path, metavar="PROGRAM", help="CSV of points")
-    add("--result", required=True, help="result.yaml of an identification; it has the tool")
-    add("--robot", default="", help="as for identify; default: the bench's IRB 1600")
-    add("--tip", default="", help="link that carries the tool; default: tool0 or flange")
-    add("--lock", action="append", default=[], metavar="JOINT=POSITION", help="hold a joint there")
-    wrench: dict[str, Any] = {"nargs": 6, "type": float, "default": None}
-    axes = ("FX", "FY", "FZ", "MX", "MY", "MZ")
-    add("--wrench", **wrench, metavar=axes, help="of all points, on the tool [N, N m]")
-    add("--wrench-axes", default="base", choices=["base", "tool"], help="axes of the wrench")
-    add("--anywhere", action="store_true", help="also where nothing was measured")
-    add("--output", default="", help="CSV to write; default: PROGRAM_corrected.csv")
-    add("--overwrite", action="store_true", help="replace it if it exists")
-    return parser.parse_args(words)

@@ -13,11 +13,13 @@ from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.files.plain_numbers import LARGEST_SCALED, plain_number
 from cabols_stiffness.data_files.cells import Cells, read_cells
 from cabols_stiffness.errors import TableError
-from cabols_stiffness.table.units import JOINT, Meaning, meaning
+from cabols_stiffness.table.units import JOINT, Meaning, is_known, meaning
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 WHOLE = frozenset({"configuration", "load", "reflector", "group", "branch"})
 LARGEST_INDEX = 1e9
+GRAVITY = 9.80665
+"""[m/s^2]"""
 NOTHING = frozenset({"", "nan", "na", "n/a", "#n/a", "none", "-", "--", "null"})
 """Cells that hold no number."""
 
@@ -90,7 +92,7 @@ def read_table(
     Raises:
         TableError: naming column or line, what was expected and what came.
     """
-    cells = read_cells(path)
+    cells = read_cells(path, is_known)
     known, unread = _meanings(cells, mapping or {}, path)
     columns: dict[str, FloatArray] = {}
     for index, found in known.items():
@@ -108,6 +110,7 @@ def read_table(
             + (f"got none for {', '.join(missing)}" if missing else f"got also {', '.join(more)}")
             + f"; the headers are {_some(cells.headers)}"
         )
+    _hang(columns, path)
     if not any(role in columns for role in WRENCH):
         raise TableError(
             f"{path}: expected columns of the wrench (fx_N ... mz_Nm), got none; the headers are "
@@ -130,6 +133,20 @@ def read_table(
     )
 
 
+def _hang(columns: dict[str, FloatArray], path: str | Path) -> None:
+    """Turn a column of hung masses into the force of their weight, along -z of the base."""
+    mass = columns.pop("mass", None)
+    if mass is None:
+        return
+    both = [role for role in WRENCH if role in columns]
+    if both:
+        raise TableError(
+            f"{path}: expected either hung masses or a measured wrench, got mass beside "
+            f"{', '.join(both)}; leave one of them out"
+        )
+    columns["fz"] = -GRAVITY * mass
+
+
 def _some(headers: list[str]) -> str:
     more = "" if len(headers) <= SHOWN else f" and {len(headers) - SHOWN} more"
     return ", ".join(headers[:SHOWN]) + more
@@ -150,7 +167,8 @@ def _column(cells: Cells, index: int, role: str, path: str | Path) -> FloatArray
     """(k,) numbers of a column; names of configurations and the like are counted from 0."""
     header, words = cells.headers[index], [row[index] for row in cells.rows]
     if role == "branch":
-        words = [str(BRANCHES.get(word.lower(), word)) for word in words]
+        signs = {"+": "1", "-": "-1"} if "+" in words else {}
+        words = [signs.get(word, str(BRANCHES.get(word.lower(), word))) for word in words]
     elif role in WHOLE and any(_is_name(word) for word in words):
         names = {word: i for i, word in enumerate(dict.fromkeys(words))}
         return np.array([np.nan if w.lower() in NOTHING else names[w] for w in words])
@@ -158,6 +176,11 @@ def _column(cells: Cells, index: int, role: str, path: str | Path) -> FloatArray
     found = np.array(values)
     if role in WHOLE:
         _check_whole(found, cells.lines, header, path)
+    if role == "branch" and np.nanmax(np.abs(found), initial=0.0) > 1.0:
+        raise TableError(
+            f"{path}: {header}: expected up or down, or 1 (load rises), -1 (falls) and 0 (unloaded)"
+            f", got {np.nanmax(np.abs(found)):g}; name them so"
+        )
     return found
 
 

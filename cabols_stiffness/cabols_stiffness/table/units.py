@@ -15,11 +15,26 @@ NAMES = {
     "group": ("group", "pass"),
     "branch": ("branch", "direction"),
     "time": ("time", "t", "time_s"),
-    **{f"f{a}": (f"f{a}", f"force_{a}") for a in "xyz"},
-    **{f"m{a}": (f"m{a}", f"t{a}", f"torque_{a}", f"moment_{a}") for a in "xyz"},
-    **{f"d{a}": (f"d{a}", f"delta_{a}", f"displacement_{a}") for a in "xyz"},
-    **{f"r{a}": (f"r{a}", f"rotation_{a}", f"dr{a}") for a in "xyz"},
-    **{f"p{a}": (f"p{a}", a, f"position_{a}") for a in "xyz"},
+    **{f"f{a}": (f"f{a}", f"f_{a}", f"force_{a}", f"force{a}") for a in "xyz"},
+    **{
+        f"m{a}": (f"m{a}", f"m_{a}", f"t{a}", f"t_{a}", f"torque_{a}", f"torque{a}", f"moment_{a}")
+        for a in "xyz"
+    },
+    **{
+        f"d{a}": (
+            f"d{a}",
+            f"d_{a}",
+            f"u{a}",
+            f"u_{a}",
+            f"delta_{a}",
+            f"displacement_{a}",
+            f"deflection_{a}",
+        )
+        for a in "xyz"
+    },
+    **{f"r{a}": (f"r{a}", f"r_{a}", f"rot_{a}", f"rotation_{a}", f"dr{a}") for a in "xyz"},
+    **{f"p{a}": (f"p{a}", f"p_{a}", a, f"pos_{a}", f"position_{a}") for a in "xyz"},
+    "mass": ("mass", "weight", "dead_weight"),
     "distance": ("distance", "length", "bar"),
 }
 KINDS = {
@@ -29,6 +44,7 @@ KINDS = {
     **{f"p{a}": ("length",) for a in "xyz"},
     **{f"r{a}": ("angle",) for a in "xyz"},
     "distance": ("length",),
+    "mass": ("mass",),
 }
 """Kinds of unit that a column may have; joints: angle or length; others have none."""
 
@@ -59,7 +75,7 @@ def meaning(header: str, unit: str = "") -> Meaning | None:
         TableError: if the unit is missing or of another kind.
     """
     text = header.strip()
-    found = re.match(r"^(.*?)\s*[\[(]\s*(.*?)\s*[\])]\s*$", text)
+    found = re.match(r"^(.*?)\s*[\[({<]\s*(.*?)\s*[\])}>]\s*$", text)
     name, written = (found.group(1), found.group(2)) if found else _split(text)
     role = _role(name)
     if role is None:
@@ -77,6 +93,18 @@ def meaning(header: str, unit: str = "") -> Meaning | None:
     return Meaning(role, known[word])
 
 
+def is_known(header: str) -> bool:
+    """Whether a cell is a header that is read, as it is or but for its unit.
+
+    Args:
+        header: of a column, or anything else.
+    """
+    try:
+        return meaning(header) is not None
+    except TableError:
+        return True
+
+
 def _split(text: str) -> tuple[str, str]:
     """Name and unit of `name_unit`, `name unit`, `name/unit`; a unit of two parts, N_m, too."""
     units = {word for table in KIND.values() for word in table}
@@ -85,9 +113,11 @@ def _split(text: str) -> tuple[str, str]:
         return name, unit
     parts = re.split(r"[_\s]+", text)
     for count in (2, 1):
-        last = "".join(parts[-count:]).lower()
-        if len(parts) > count and last in units and _role("_".join(parts[:-count])) is not None:
-            return "_".join(parts[:-count]), last
+        last, before = plain_unit("".join(parts[-count:])), parts[:-count]
+        if len(before) > 1 and before[-1].lower() == "in":
+            before = before[:-1]  # "Fx in N"
+        if before and last in units and _role("_".join(before)) is not None:
+            return "_".join(before), last
     return text, ""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,9 @@ from cabols_stiffness.identification.adequacy.normal import (
     heterogeneity,
     leave_one_out,
     random_effects,
+    whitened_by_scatter,
 )
+from cabols_stiffness.identification.adequacy.small_mistakes import SIZES, SmallMistakes, likely
 from cabols_stiffness.identification.adequacy.span import wrong_span
 from cabols_stiffness.identification.adequacy.suspects import suspects
 from cabols_stiffness.identification.adequacy.texts import text_of
@@ -69,10 +71,17 @@ INDEPENDENT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A verdict, and how configurations that differ are pooled; None where they do not."""
+    """A verdict, and what it makes of the covariance.
+
+    Attributes:
+        verdict: on the fit.
+        between: how configurations that differ are pooled; None where they do not.
+        doubt: (p, p) covariance of the relative parameters by small mistakes in the data.
+    """
 
     verdict: Verdict
     between: RandomEffects | None
+    doubt: FloatArray
 
 
 def judge(observations: Observations, found: Fitted, model: Model, travel: FloatArray) -> Judged:
@@ -96,15 +105,22 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
     freedom = max(found.freedom, 1)
     chance = float(chi2.sf(found.chi_square, freedom))
     scattered = are_different(parts, differ)
-    tried = _whitened(observations, found, suspects(observations, found, model.cubic))
+    between = random_effects(parts, n) if scattered else None
+    weigh = _weights(base, configuration, between, parts.variance)
+    matrix = base.reshape(residual.size, -1)
+    unit = parts.variance if scattered else found.chi_square / freedom
+    small = SmallMistakes(weigh(matrix), weigh(residual.ravel()), max(unit, 1.0))
+    guessed = suspects(observations, found, model.cubic)
+    tried = _noted(_whitened(observations, found, guessed), small, weigh)
     freedom_left = parts.within_freedom if scattered else found.freedom
     apart = configuration if scattered else 0 * configuration
     noise = float(numbers.sum()) * parts.variance if scattered else None
     named = _named(
         base, residual, tried, (apart, configuration), max(freedom_left, 1), found, noise
     )
-    between = random_effects(parts, n) if scattered else None
+    doubt = small.doubt(n)
     findings = [*named, *_magnitude(found), *_friction(found, travel)]
+    findings += likely(doubt, {one.suspect for one in named})
     inside = parts.variance if scattered else found.chi_square / freedom
     inside_freedom = parts.within_freedom if scattered else freedom
     unlikely = float(chi2.sf(inside * inside_freedom, inside_freedom)) < CERTAIN
@@ -160,7 +176,41 @@ def judge(observations: Observations, found: Fitted, model: Model, travel: Float
             findings=tuple(findings),
         ),
         between,
+        doubt.covariance,
     )
+
+
+def _weights(
+    base: FloatArray, configuration: IntArray, between: RandomEffects | None, variance: float
+) -> Callable[[FloatArray], FloatArray]:
+    """What whitens rows (k m, ...) where configurations scatter."""
+    if between is None:
+        return np.asarray
+    n, m = between.scatter.size, base.shape[1]
+    joints = base.reshape(-1, base.shape[2])[:, :n]
+    size = between.scatter * (1.0 + between.change[:n]) / np.sqrt(variance)
+    rows = np.repeat(configuration, m)
+    places = [np.flatnonzero(rows == each) for each in np.unique(configuration)]
+
+    def weigh(values: FloatArray) -> FloatArray:
+        found = values.copy()
+        for at in places:
+            found[at] = whitened_by_scatter(joints[at], size, values[at])
+        return found
+
+    return weigh
+
+
+def _noted(
+    tried: Iterable[tuple[Suspect, FloatArray]],
+    small: SmallMistakes,
+    weigh: Callable[[FloatArray], FloatArray],
+) -> Iterator[tuple[Suspect, FloatArray]]:
+    """Each suspect on its way to the score tests, added to the small mistakes."""
+    for suspect, columns in tried:
+        if suspect in SIZES:
+            small.add(suspect, weigh(columns.reshape(-1, columns.shape[2])))
+        yield suspect, columns
 
 
 def _whitened(

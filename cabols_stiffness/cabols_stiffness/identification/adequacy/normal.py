@@ -205,6 +205,24 @@ def random_effects(found: Blocks, joints: int) -> RandomEffects:
     )
 
 
+def whitened_by_scatter(joints: FloatArray, size: FloatArray, values: FloatArray) -> FloatArray:
+    """(r, ...) rows of one configuration, whitened where its joints scatter.
+
+    Args:
+        joints: (r, n) columns of the joints' compliance.
+        size: (n,) standard deviation of each between configurations, by that of the noise.
+        values: (r, ...) rows.
+    """
+    own = joints * size
+    # Of X X^T with X = U s V^T the part along U shrinks by 1 - 1 / sqrt(1 + s^2).
+    square, vectors = np.linalg.eigh(own.T @ own)
+    square = np.maximum(square, 0.0)
+    root = np.sqrt(1.0 + square)
+    # (1 - 1 / root) / square without its difference, which vanishes with square.
+    inner = (vectors / (root * (1.0 + root))) @ vectors.T
+    return np.asarray(values - own @ (inner @ (own.T @ values)))
+
+
 def _units(found: Blocks, joints: int) -> FloatArray:
     """(p,) of the parameters: 1, or a joint's typical own compliance where the fit is far off it.
 

@@ -46,9 +46,35 @@ def _of_wrench(observations: Observations, found: Fitted) -> Columns:
     lever = np.concatenate([np.zeros_like(turned[:, :3]), _cross_matrix(wrench[:, :3])], axis=1)
     return {
         Suspect.WRENCH_GAIN: gain,
+        Suspect.WRENCH_BIAS: by_wrench * _largest(observations)[:, None, :],
+        Suspect.WEIGHT: by_wrench @ _weight(observations, found),
         Suspect.WRENCH_FRAME: by_wrench @ turned,
         Suspect.WRENCH_POINT: by_wrench @ lever,
     }
+
+
+def _largest(observations: Observations) -> FloatArray:
+    """(k, 6) largest force and torque; zero for rows whose wrench is exact, as unloaded ones."""
+    samples = observations.samples
+    halves = np.abs(samples.wrench).reshape(-1, 2, 3).max(axis=(0, 2), initial=0.0)
+    noise = np.abs(samples.wrench_covariance).max(axis=(1, 2))
+    return np.where(noise[:, None] > 0.0, np.repeat(halves, 3), 0.0)
+
+
+def _weight(observations: Observations, found: Fitted) -> FloatArray:
+    """(k, 6, 4) wrench of a weight as large as the largest force, and of its first moments.
+
+    The moments are of the largest torque, by the weight's centre along the tool's axes.
+    """
+    posture, size = found.line.balance.posture, _largest(observations)
+    down, axes = -posture.rotation[:, 2], np.broadcast_to(np.eye(3), posture.rotation.shape)
+    if not observations.follows:
+        down, axes = np.broadcast_to([0.0, 0.0, -1.0], down.shape), posture.rotation
+    moments = np.cross(axes, down[:, :, None], axis=1)
+    found_there = np.zeros((down.shape[0], 6, 4))
+    found_there[:, :3, 0] = size[:, :1] * down
+    found_there[:, 3:, 1:] = size[:, 3:4, None] * moments
+    return found_there
 
 
 def _of_frames(observations: Observations, found: Fitted) -> Columns:
@@ -95,6 +121,7 @@ def _of_joints(observations: Observations, found: Fitted, cubic: bool) -> Column
     varied = deflection * (angle - angle.mean(axis=0))
     play = np.tanh(deflection / (0.02 * np.abs(deflection).max(axis=0) + 1e-12))
     columns = {
+        Suspect.JOINT_ZERO: _zeros(observations, found),
         Suspect.COUPLING: coupling,
         Suspect.VARYING: line.motion * varied[:, None, :],
         Suspect.PLAY: line.motion * play[:, None, :],
@@ -103,6 +130,20 @@ def _of_joints(observations: Observations, found: Fitted, cubic: bool) -> Column
     if not cubic:
         columns[Suspect.CUBIC] = line.motion * (deflection**3)[:, None, :]
     return columns
+
+
+def _zeros(observations: Observations, found: Fitted) -> FloatArray:
+    """(k, m, n) by the zero of each joint: the arm is turned, and its lever arms with it."""
+    line, rest, samples = found.line, found.line.balance, observations.samples
+    by_joint = rest.posture.complementary_stiffness(rest.wrench, observations.follows)
+    moved = line.motion + line.motion @ rest.softness @ by_joint
+    if isinstance(samples, PointSamples):
+        return np.asarray(moved)
+    before = observations.unloaded.jacobian
+    turned = np.einsum("kij,kj->ki", rest.posture.rates.swapaxes(1, 2), rest.deflection)
+    carried = before.copy()
+    carried[:, 3:] += _cross_matrix(turned) @ before[:, 3:]
+    return np.asarray(moved - carried)
 
 
 def _bearings(observations: Observations, found: Fitted) -> FloatArray:

@@ -17,6 +17,10 @@ TEXTS = {
     Suspect.BASE_FRAME: "the tracker's frame seems to be turned against the robot's base",
     Suspect.WRENCH_FRAME: "the wrench's axes seem to be turned against those stated",
     Suspect.WRENCH_GAIN: "the sensor's axes seem to have different gains",
+    Suspect.WRENCH_BIAS: "the loads' wrench seems to have a bias that the unloaded rows have not",
+    Suspect.WEIGHT: "the loads' wrench seems to hold a weight that the unloaded rows have not (a "
+    "payload or a tool that was not tared)",
+    Suspect.JOINT_ZERO: "the zero of a joint seems to be a little off",
     Suspect.COUPLING: "joints deflect under each other's torque (a parallelogram, a coupled wrist)",
     Suspect.BASE: "the robot's base gives way",
     Suspect.BEARINGS: "bearings or links give way across the joints' axes",

@@ -10,9 +10,10 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
-from cabols_stiffness.model.elastic.blocks import Block, Friction, Motion, Rung, Statics
+from cabols_stiffness.model.elastic.blocks import Block, Friction, Motion, Statics
 from cabols_stiffness.model.elastic.frames import frames_of
 from cabols_stiffness.model.elastic.friction import friction_along
+from cabols_stiffness.model.model_words import Rung
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import turn
 

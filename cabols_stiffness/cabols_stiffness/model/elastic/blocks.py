@@ -9,7 +9,6 @@ exact balance). Parameters are relative to natural sizes, so that 1 is a lot for
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
@@ -18,23 +17,8 @@ from cabols_control.checks import FloatArray, IntArray
 from cabols_stiffness.model.elastic.frames import Frames
 from cabols_stiffness.model.elastic.friction import Form
 from cabols_stiffness.model.elastic.variation import Variation
+from cabols_stiffness.model.model_words import Rung
 from cabols_stiffness.model.robot import RobotModel
-
-
-class Rung(StrEnum):
-    """What a block of parameters stands for; the ladder's rungs."""
-
-    JOINTS = "joints"
-    CUBIC = "cubic"
-    COUPLING = "coupling"
-    BASE = "base"
-    LINKS = "links"
-    VARYING = "varying"
-    FRICTION = "friction"
-    KINEMATICS = "kinematics"
-    """Joints that are not where the URDF has them; no block, see ladder/kinematics.py."""
-    GRAVITY = "gravity"
-    """Weights of the links, likewise."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,12 @@ from cabols_stiffness.model.elastic.blocks import (
     Cubic,
     Friction,
     Joints,
-    Rung,
     Varying,
 )
 from cabols_stiffness.model.elastic.friction import Form
 from cabols_stiffness.model.elastic.prediction import ElasticModel
 from cabols_stiffness.model.elastic.variation import Over, variation
+from cabols_stiffness.model.model_words import Rung
 from cabols_stiffness.model.robot import RobotModel
 
 ELASTIC = "elastic.npz"
