@@ -127,6 +127,15 @@ POSE_ESTIMATOR = NodeSpec(
     restarts=True,
     takes=(*OF_EVERY_NODE, "other_cpu"),
 )
+ROS2_CONTROL_BRIDGE = NodeSpec(
+    "cabols_control",
+    "ros2_control_bridge",
+    ("limb_state", "wrench", "mode", "limb_joint_commands"),
+    ("desired_tension", "limb_joint_states", "loop_status"),
+    role=Role.ROS2_CONTROL,
+    restarts=True,
+    takes=(*OF_EVERY_NODE, "other_cpu", "joint_state_rate"),
+)
 ARGUMENTS = (
     Argument(
         "params_file",
@@ -206,6 +215,18 @@ ARGUMENTS = (
         False,
         "hold robot, encoders, sensor and tracker against each other, and name what disagrees",
     ),
+    Argument(
+        "ros2_control",
+        False,
+        "let controllers of ros2_control command the limbs' tensions (docs/ros2_control.md)",
+    ),
+    Argument(
+        "joint_state_rate",
+        100.0,
+        "of limb_joint_states, for ros2_control",
+        bounds=(1.0, 1000.0),
+        unit="Hz",
+    ),
     Argument("frame_prefix", "", "before each frame's name on /tf, such as rig2/"),
     Argument("console", False, "serve the operator's page on this machine"),
     Argument(
@@ -273,6 +294,7 @@ NODES = PackageNodes(
         CONSOLE,
         FRAMES,
         POSE_ESTIMATOR,
+        ROS2_CONTROL_BRIDGE,
     ),
     ARGUMENTS,
 )

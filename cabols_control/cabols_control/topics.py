@@ -129,6 +129,21 @@ _ROWS = (
         arrays=("limb", "tension"),
     ),
     Topic(
+        "limb_joint_states",
+        "sensor_msgs/msg/JointState",
+        Quality.LIVE,
+        "for ros2_control: wound length [m], its rate [m/s], tension [N] of each limb, and the "
+        "wrench on the platform [N, N m]",
+        recorded=False,
+    ),
+    Topic(
+        "limb_joint_commands",
+        "sensor_msgs/msg/JointState",
+        Quality.LIVE,
+        "from ros2_control: efforts that are setpoints of the limbs' tensions [N]",
+        recorded=False,
+    ),
+    Topic(
         "platform_pose",
         "geometry_msgs/msg/PoseStamped",
         Quality.CONTROL,

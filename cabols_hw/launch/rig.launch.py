@@ -5,7 +5,7 @@ ros2 launch cabols_hw rig.launch.py geometry_file:=/path/to/geometry.yaml
 
 from launch.actions import OpaqueFunction
 
-from cabols_control.bringup.graph import rig_graph
+from cabols_control.bringup.graph import PARTS, rig_graph
 from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
 from cabols_control.params_file import complete
 from launch import Action, LaunchContext, LaunchDescription
@@ -14,8 +14,7 @@ from launch import Action, LaunchContext, LaunchDescription
 def start(context: LaunchContext) -> list[Action]:
     """Make the nodes once the arguments are known."""
     values, given = argument_values(context, "rig")
-    parts = ("record", "campaign", "console", "frames", "pose_estimator")
-    graph = rig_graph(**{part: values[part] for part in parts})
+    graph = rig_graph(**{part: values[part] for part in PARTS.values()})
     return launch_nodes(complete(graph, values, given), context)
 
 

@@ -110,10 +110,7 @@ def bench_graph(
     record: bool = True,
     robot: bool = True,
     ports: Ports | None = None,
-    campaign: bool = False,
-    console: bool = False,
-    frames: bool = False,
-    pose_estimator: bool = False,
+    **parts: bool,
 ) -> list[NodeSpec]:
     """Nodes of the simulated bench, in starting order: readers first, the clock last.
 
@@ -128,14 +125,12 @@ def bench_graph(
         robot: with robot and tracker; False for a target that never moves, whose pose the plant
             publishes itself.
         ports: of the devices.
-        campaign: with the nodes of stiffness campaigns; they need the robot.
-        console: with the operator's page; in lockstep only with a robot, as otherwise the clock
-            waits for the supervisor, whose operator time-out then cannot run.
-        frames: with /tf.
-        pose_estimator: with the comparison of the pose's sources.
+        **parts: whether each other one of cabols_control.bringup.graph.PARTS is there. Campaigns
+            need the robot; the operator's page is there in lockstep only with a robot, as otherwise
+            the clock waits for the supervisor, whose operator time-out then cannot run.
     """
-    paced = console and (robot or not lockstep)
-    nodes = answering(record, campaign, paced, frames, pose_estimator)
+    parts["console"] = parts.get("console", False) and (robot or not lockstep)
+    nodes = answering(record=record, **parts)
     nodes += _devices(ports or Ports(), lockstep) if robot else [PLANT]
     if robot:
         nodes = [with_robot(node) for node in nodes]

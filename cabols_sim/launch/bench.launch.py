@@ -5,6 +5,7 @@ ros2 launch cabols_sim bench.launch.py program:=steps auto_start:=true output:=b
 
 from launch.actions import OpaqueFunction
 
+from cabols_control.bringup.graph import PARTS
 from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
 from cabols_control.params_file import complete
 from cabols_sim.bench.run import forgiving, free_ports, launched
@@ -21,10 +22,7 @@ def start(context: LaunchContext) -> list[Action]:
         values["record"],
         values["robot"],
         free_ports(),
-        campaign=values["campaign"],
-        console=values["console"],
-        frames=values["frames"],
-        pose_estimator=values["pose_estimator"],
+        **{part: values[part] for part in PARTS.values() if part != "record"},
     )
     return launch_nodes(complete(graph, values, given), context)
 

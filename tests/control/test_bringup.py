@@ -16,6 +16,7 @@ from cabols_sim.bringup_nodes import bench_graph
 
 OF_THE_GRAPH = {
     *("record", "console", "campaign", "robot", "lockstep", "frames", "pose_estimator"),
+    "ros2_control",
 }
 """Arguments that no node gets: they say which nodes there are."""
 OF_ALL = {"params_file", "namespace", "log_level", "nodes"}

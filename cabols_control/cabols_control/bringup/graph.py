@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from cabols_control.bringup.specs import Argument, NodeSpec, PackageNodes, Role, give
+from cabols_control.errors import ConfigError
 
 PREFIX = "cabols_"
 MODULE = "bringup_nodes"
@@ -22,12 +23,22 @@ READERS_FIRST = (
     Role.CONSOLE,
     Role.FRAMES,
     Role.ESTIMATOR,
+    Role.ROS2_CONTROL,
     Role.RECORDER,
     Role.CONTROLLER,
     Role.PROGRAM,
     Role.CAMPAIGN,
 )
 """Starting order of what answers the clock."""
+PARTS = {
+    Role.RECORDER: "record",
+    Role.CAMPAIGN: "campaign",
+    Role.CONSOLE: "console",
+    Role.FRAMES: "frames",
+    Role.ESTIMATOR: "pose_estimator",
+    Role.ROS2_CONTROL: "ros2_control",
+}
+"""Parts of a graph that may be left out, and the argument that says whether."""
 
 
 @cache
@@ -65,50 +76,35 @@ def nodes_of(role: Role) -> list[NodeSpec]:
     return [node for node in all_nodes() if node.role is role]
 
 
-def answering(
-    record: bool,
-    campaign: bool,
-    console: bool,
-    frames: bool = False,
-    pose_estimator: bool = False,
-) -> list[NodeSpec]:
+def answering(**parts: bool) -> list[NodeSpec]:
     """What answers the clock, in starting order, without robot and clock.
 
     Args:
-        record: with the recorder.
-        campaign: with the nodes of stiffness campaigns.
-        console: with the operator's page.
-        frames: with /tf.
-        pose_estimator: with the comparison of the pose's sources.
+        **parts: whether each of PARTS is there, by its argument; left out: it is not.
+
+    Raises:
+        ConfigError: if two of them would command the same.
     """
-    wanted = {
-        Role.RECORDER: record,
-        Role.CAMPAIGN: campaign,
-        Role.CONSOLE: console,
-        Role.FRAMES: frames,
-        Role.ESTIMATOR: pose_estimator,
-    }
-    roles = (role for role in READERS_FIRST if wanted.get(role, True))
+    unknown = sorted(set(parts) - set(PARTS.values()))
+    if unknown:
+        raise ConfigError(f"graph: expected parts of {', '.join(PARTS.values())}, got {unknown}")
+    if parts.get("campaign") and parts.get("ros2_control"):
+        raise ConfigError(
+            "ros2_control: expected no campaign beside it, got both; each commands the limbs' "
+            "tensions: start one of them"
+        )
+    roles = (role for role in READERS_FIRST if role not in PARTS or parts.get(PARTS[role]))
     return [node for role in roles for node in nodes_of(role)]
 
 
-def rig_graph(
-    record: bool = True,
-    campaign: bool = False,
-    console: bool = False,
-    frames: bool = False,
-    pose_estimator: bool = False,
-) -> list[NodeSpec]:
+def rig_graph(record: bool = True, **parts: bool) -> list[NodeSpec]:
     """Nodes of a rig with hardware, in starting order: readers first, the clock last.
 
     Args:
         record: with the recorder.
-        campaign: with the nodes of stiffness campaigns.
-        console: with the operator's page.
-        frames: with /tf.
-        pose_estimator: with the comparison of the pose's sources.
+        **parts: whether each other one of PARTS is there.
     """
-    nodes = answering(record, campaign, console, frames, pose_estimator)
+    nodes = answering(record=record, **parts)
     nodes += [*nodes_of(Role.ROBOT), *nodes_of(Role.CLOCK)]
     return [with_robot(node) for node in nodes]
 

@@ -25,6 +25,7 @@ class Role(Enum):
     CONSOLE = "operator's page"
     FRAMES = "frames for viewers"
     ESTIMATOR = "sources of the pose against each other"
+    ROS2_CONTROL = "controllers of ros2_control"
     RECORDER = "recorder"
     CONTROLLER = "control loop"
     PROGRAM = "load programmes"

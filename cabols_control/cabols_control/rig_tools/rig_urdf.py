@@ -26,6 +26,7 @@ from cabols_control.naming import number
 from cabols_control.placement import Frame
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
+from cabols_control.rig_tools.ros2_control_urdf import add_ros2_control
 from cabols_control.serial_arm import read_serial_arm
 
 TEXT = "Write the URDF of a rig: its frame, robot, platform, sensor, tracker and reflectors."
@@ -213,10 +214,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--robot-rotation-xyz-deg", type=_three, default=[0.0] * 3, help="of its base [deg]"
     )
+    parser.add_argument(
+        "--ros2-control", action="store_true", help="with limbs as joints of ros2_control"
+    )
     parser.add_argument("--output", type=Path, default=None, help="file; default: print it")
     options = parser.parse_args(arguments)
     base = Frame(options.robot_position, options.robot_rotation_xyz_deg)
-    text = urdf_text(rig_urdf(options.rig, base))
+    root = rig_urdf(options.rig, base)
+    if options.ros2_control:
+        add_ros2_control(root, load_rig(find_rig(options.rig)))
+        _check_names(root)
+    text = urdf_text(root)
     if options.output is None:
         print(text, end="")
     else:

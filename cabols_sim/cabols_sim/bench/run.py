@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cabols_control.bringup.graph import PARTS
 from cabols_control.bringup.processes import GRACE_S, Ended, run
 from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
 from cabols_control.params_file import complete
@@ -141,10 +142,7 @@ def run_bench(
         values.get("record", True),
         values.get("robot", False),
         free_ports() if "namespace" in values else ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
-        values.get("campaign", False),
-        values.get("console", False),
-        values.get("frames", False),
-        values.get("pose_estimator", False),
+        **{part: values.get(part, False) for part in PARTS.values() if part != "record"},
     )
     values = {"robot_watch": min(SILENCE_S / values.get("speed", 1.0), 10.0), **values}
     nodes = [_stand_in(node, stand_ins or {}) for node in complete(graph, values, values)]
