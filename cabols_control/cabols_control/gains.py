@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cabols_control.checks import FloatArray, in_range
+from cabols_control.checks import FloatArray, in_range, one_or_each
 from cabols_control.errors import ShapeError
 from cabols_control.limb import LimbModel
 
@@ -63,16 +63,17 @@ def limb_gains(model: LimbModel, stiffness: float, poles: ArrayLike) -> LimbGain
 
 
 def wrench_gains(
-    models: Sequence[LimbModel], stiffness: float, poles: ArrayLike, zero: float
+    models: Sequence[LimbModel], stiffness: ArrayLike, poles: ArrayLike, zero: float
 ) -> WrenchGains:
     """Place the four poles and the zero of every wrench component's closed loop (3.26).
 
-    The limbs' models may differ: the gains make their closed loops the same, (3.27). That and
-    the structure matrix make the wrench's response linear although redundancy resolution is not.
+    The limbs' models and stiffnesses may differ: the gains make their closed loops the same,
+    (3.27). That and the structure matrix make the wrench's response linear although redundancy
+    resolution is not.
 
     Args:
         models: identified limbs (3.11).
-        stiffness: k_e of spring and cable, the same for all limbs [N/m].
+        stiffness: k_e of spring and cable, one for all limbs or one for each [N/m].
         poles: four poles with negative real parts, complex ones in pairs [1/s].
         zero: the zero lies at -abs(zero) [1/s]. The source writes Z = -40, but its (3.24) and
             (3.25) hold with Z = +40; both spellings are taken here.
@@ -81,7 +82,7 @@ def wrench_gains(
         Gains of (3.10) for each limb and of (3.17).
 
     Raises:
-        ShapeError: on other than four stable poles, or no limb.
+        ShapeError: on other than four stable poles, no limb, or another number of stiffnesses.
         OutOfRangeError: if a model, the stiffness or the zero is not positive and finite, or the
             zero is so slow that the inner loop would need a gain of the wrong sign.
     """
@@ -90,8 +91,11 @@ def wrench_gains(
     inner = in_range("c Z - d (is the zero too close to 0?)", c * z - d, 1e-9 * d, np.inf)
     if not models:
         raise ShapeError("models: expected at least one limb, got none")
-    tension = inner / (_positive("stiffness", stiffness) * b * z)
-    limbs = tuple(_limb_gains(model, a, b, tension) for model in models)
+    springs = one_or_each("stiffness", stiffness, len(models))
+    limbs = tuple(
+        _limb_gains(model, a, b, tension=inner / (_positive("stiffness", float(k_e)) * b * z))
+        for model, k_e in zip(models, springs, strict=True)
+    )
     return WrenchGains(limbs, proportional=d / inner, integral=d * z / inner)
 
 

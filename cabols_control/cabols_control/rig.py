@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
 
-from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.checks import FloatArray, finite_array, in_range, one_or_each
 from cabols_control.configuration import STRICT, load_config, read_yaml
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.gains import WrenchGains, wrench_gains
 from cabols_control.geometry import MIN_CABLES, RigGeometry, load_geometry
 from cabols_control.kinematics import cable_lengths
 from cabols_control.limb import LimbModel
+from cabols_control.limb_springs import LimbSprings, limb_springs
 from cabols_control.motion import Motion
 from cabols_control.naming import limb_name
 from cabols_control.rig_checks import check_limbs
@@ -37,23 +38,25 @@ class LimbsConfig:
     """Identified limbs of a rig.
 
     Attributes:
-        stiffness: k_e, the same for all limbs [N/m].
+        stiffness: k_e at the reference pose, one for all limbs or one for each [N/m].
         switch_tension: where a limit switch closes [N].
         gain: k of (3.11), one for each limb [m/s/A].
         time_constant: T of (3.11), one for each limb [s].
         backlash: play between a motor's encoder and its cable that the limb law allows for, at the
             cable [m]; 0: none. Rather too small than too large.
+        axial_stiffness: EA of the cables, one for all or one for each [N]: k_e falls as a cable
+            grows longer. None: not known, k_e is taken as constant.
     """
 
-    stiffness: float
+    stiffness: float | list[float]
     switch_tension: float
     gain: list[float]
     time_constant: list[float]
     backlash: float = 0.0
+    axial_stiffness: float | list[float] | None = None
 
     def __post_init__(self) -> None:
         """Check signs and lengths."""
-        in_range("stiffness", self.stiffness, 1.0, 1e7)
         in_range("switch_tension", self.switch_tension, 0.0, 1000.0)
         in_range("backlash", self.backlash, 0.0, BACKLASH_MAX_M)
         if len(self.gain) != len(self.time_constant):
@@ -64,6 +67,37 @@ class LimbsConfig:
         for i, (gain, time_constant) in enumerate(zip(self.gain, self.time_constant, strict=True)):
             in_range(f"gain of {limb_name(i)}", gain, 1e-6, 1e3)
             in_range(f"time_constant of {limb_name(i)}", time_constant, 1e-4, 100.0)
+        for name, value, least, most in (
+            ("stiffness", self.stiffness, 1.0, 1e7),
+            ("axial_stiffness", self.axial_stiffness, 100.0, 1e9),
+        ):
+            if isinstance(value, list):
+                if len(value) != len(self.gain):
+                    raise ConfigError(
+                        f"{name}: expected one number, or {len(self.gain)} as in gain, got "
+                        f"{len(value)}"
+                    )
+                for i, each in enumerate(value):
+                    in_range(f"{name} of {limb_name(i)}", each, least, most)
+            elif value is not None:
+                in_range(name, value, least, most)
+
+    def springs(self, length: FloatArray) -> LimbSprings:
+        """k_e of each limb.
+
+        Args:
+            length: (n,) of the cables at the reference pose [m].
+
+        Raises:
+            ConfigError: if a cable alone would give way more than the whole limb.
+        """
+        count = len(self.gain)
+        axial = self.axial_stiffness
+        return limb_springs(
+            one_or_each("stiffness", self.stiffness, count),
+            None if axial is None else one_or_each("axial_stiffness", axial, count),
+            length,
+        )
 
     @property
     def models(self) -> tuple[LimbModel, ...]:
@@ -173,6 +207,14 @@ class Rig:
             )
         check_method(self.geometry.cables, self.control.tension_method)
 
+    @cached_property
+    def springs(self) -> LimbSprings:
+        """k_e of each limb."""
+        shape = self.geometry
+        return self.limbs.springs(
+            cable_lengths(shape, shape.reference_position, shape.reference_rotation)
+        )
+
     @property
     def holding_tension(self) -> float:
         """Tension of a pre-tightened or unloaded limb: safely above its switch's [N]."""
@@ -191,7 +233,7 @@ class Rig:
     def gains(self) -> WrenchGains:
         """Gains of both loops by (3.24), (3.25)."""
         return wrench_gains(
-            self.limbs.models, self.limbs.stiffness, self.control.poles, self.control.zero
+            self.limbs.models, self.springs.nominal, self.control.poles, self.control.zero
         )
 
 
@@ -243,7 +285,7 @@ def load_rig(
     )
     control_design = found.control
     check_limbs(
-        found.limbs.stiffness,
+        found.springs.nominal,
         found.limbs.gain,
         cable_lengths(shape, shape.reference_position, shape.reference_rotation),
         control_design.tension_max,

@@ -124,7 +124,7 @@ def check_geometry(cables: Any, position: FloatArray, rotation: FloatArray) -> F
 
 
 def check_limbs(
-    stiffness: float,
+    stiffness: FloatArray,
     gain: list[float],
     lengths: FloatArray,
     tension_max: float,
@@ -133,24 +133,27 @@ def check_limbs(
     """Look at limbs beside the cables that they pull.
 
     Args:
-        stiffness: k_e [N/m].
+        stiffness: (n,) k_e [N/m].
         gain: (n,) of the limbs [m/s/A].
         lengths: (n,) of the cables at the reference pose [m].
         tension_max: largest tension that control commands [N].
         current_limit: [A].
     """
-    stretch, speed = tension_max / stiffness, max(gain) * current_limit
+    softest, stiffest = float(stiffness.min()), float(stiffness.max())
+    stretch, speed = tension_max / softest, max(gain) * current_limit
+    least = tension_max / stiffest
+    each = f"{softest:.4g}" if softest == stiffest else f"{softest:.4g} to {stiffest:.4g}"
     found = Findings(
-        f"k_e {stiffness:.4g} N/m: {stretch:.3g} m at {tension_max:.4g} N, cables of "
+        f"k_e {each} N/m: {stretch:.3g} m at {tension_max:.4g} N, cables of "
         f"{lengths.min():.3g} to {lengths.max():.3g} m; {speed:.3g} m/s at {current_limit:.3g} A"
     )
     if stretch > STRETCH_MAX * lengths.max():
         found.refused.append(
-            f"stiffness: expected N/m, got {stiffness:.4g}, by which {tension_max:.4g} N stretch a "
+            f"stiffness: expected N/m, got {softest:.4g}, by which {tension_max:.4g} N stretch a "
             f"limb by {stretch:.3g} m; N/mm?"
         )
-    elif stretch > STRETCH_ODD * lengths.min() or stretch < STRETCH_LEAST_M:
-        found.odd.append(f"stiffness: {stiffness:.4g} N/m; is that in N/m?")
+    elif stretch > STRETCH_ODD * lengths.min() or least < STRETCH_LEAST_M:
+        found.odd.append(f"stiffness: {each} N/m; is that in N/m?")
     if speed > SPEED_MAX_M_S:
         found.refused.append(
             f"gain: expected m/s/A, got up to {max(gain):.4g}, by which {current_limit:.3g} A wind "

@@ -53,7 +53,7 @@ def check_rig(folder: RigFolder) -> list[str]:
     found: list[Findings] = [
         check_geometry(geometry.records(), *pose),
         check_limbs(
-            rig.limbs.stiffness,
+            rig.springs.nominal,
             rig.limbs.gain,
             cable_lengths(geometry, *pose),
             rig.control.tension_max,

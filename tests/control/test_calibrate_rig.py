@@ -104,7 +104,7 @@ def test_a_table_becomes_a_rig(monkeypatch, tmp_path, drawing, built, table, cap
         row = parameters[name]
         assert row["told"]
         assert abs(row["value"] - true) < 4.0 * row["deviation"]
-    assert rig.limbs.stiffness == pytest.approx(K_E, rel=0.01)
+    assert rig.limbs.stiffness == pytest.approx([K_E] * 8, rel=0.01)
     assert record["sha256"][:16] in (target / "geometry.yaml").read_text()
     assert call(monkeypatch, *words) == 2
 
@@ -143,7 +143,7 @@ def test_wrong_tables_are_refused(tmp_path, table, column, value, match):
 
 def test_a_plan_is_poses_in_reach(monkeypatch, tmp_path, drawing, capsys):
     for name, count in (("CANDIDATES", 20), ("WORKSPACE", 10)):
-        monkeypatch.setattr(f"cabols_control.calibration.command.{name}", count)
+        monkeypatch.setattr(f"cabols_control.calibration.session.{name}", count)
     plan = tmp_path / "plan.csv"
     assert call(monkeypatch, "--rig", drawing, "--plan", 8, "--output", plan) == 0
     assert "8 stops" in capsys.readouterr().out

@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from cabols_control.result_code import ResultCode
 from cabols_control.supervision.faults import Fault, FaultName, fault_name
-from cabols_control.supervision.modes import Cause, Condition, ModeMachine, OperatingMode
+from cabols_control.supervision.modes import (
+    MOVING,
+    Cause,
+    Condition,
+    ModeMachine,
+    OperatingMode,
+)
 from cabols_control.supervision.starvation import StarvationWatch
 from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
 
@@ -219,6 +225,20 @@ def test_recorder_that_was_switched_off_ends_nothing():
     hear(core, 20.0, READY, np.full(8, 50.0))
     core.check_silence(20.0)
     assert core.mode == LOADING
+
+
+@pytest.mark.parametrize("mode", MOVING)
+def test_a_platform_that_nothing_holds_is_not_moved(mode):
+    core = supervised(report_timeout_s=100.0)
+    hear(core, 0.0, READY)
+    said = Fault(FaultName.NOT_HELD, "nothing but the cables holds the platform")
+    core.hear_notice("q8_ati_bridge", said)
+    refused = core.request(mode, 0.0)
+    assert (refused.allowed, refused.fault) == (False, FaultName.NOT_HELD)
+    assert "q8_ati_bridge: nothing but" in refused.reason
+    assert core.request(OperatingMode.STOPPED, 0.0).allowed
+    core.hear_notice("q8_ati_bridge", None)
+    assert core.request(PRETIGHTENING, 0.0).allowed
 
 
 def test_no_load_without_the_sensors_bias():

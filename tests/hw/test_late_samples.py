@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cabols_control.supervision.modes import OperatingMode
+from cabols_hw.bridge.scaling import LIMB_READING
 from cabols_hw.safety.config import load_safety
 from cabols_hw.safety.limb_rules import LIMB_LIMITS, LIMB_WATCH, forget_motion, judge_limbs
 from cabols_hw.safety.rules import Rule
@@ -22,7 +23,7 @@ def rules():
     for name in LIMB_LIMITS.names:
         if hasattr(config, name):
             limits[name] = getattr(config, name)
-    limits["acts"], limits["stiffness"], limits["current_limit"] = 1, 2200.0, 3.0
+    limits["acts"], limits["current_limit"] = 1, 3.0
     limits["cable_tension"] = 1e3
     watch = np.zeros(1, LIMB_WATCH)
     watch["gain"], watch["time_constant"] = GAIN, TIME_CONSTANT
@@ -34,7 +35,8 @@ def rules():
 def judge(gap_s, jams_at_s=np.inf):
     """Wind in by (3.11) for 60 ms with one long sample; the broken rules."""
     limits, watch = rules()
-    readings = np.zeros(1, [("stretch", np.float64), ("zero", np.float64)])
+    readings = np.zeros(1, LIMB_READING)
+    readings["stiffness"] = 2200.0
     speed = length = now_s = 0.0
     found = []
     for k in range(60):

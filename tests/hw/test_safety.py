@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cabols_control.errors import ConfigError
-from cabols_control.supervision.modes import OperatingMode
-from cabols_hw.safety.config import SafetyConfig
+from cabols_control.supervision.modes import MOVING, OperatingMode
+from cabols_hw.safety.config import SafetyConfig, load_safety
 from cabols_hw.safety.faults import FAULTS, Reaction
 from cabols_hw.safety.first_power_on import PowerOnBound
+from cabols_hw.safety.guard import BridgeGuard
 from cabols_sim.faults import KINDS, FaultError, PlantFaults
 from rig_harness import RigInOneProcess
 
@@ -277,6 +279,27 @@ def test_unchecked_wiring_bounds_currents_modes_and_ways(loaded):
     loaded.guard.power_on = PowerOnBound(8)
     loaded.cycle()
     assert not loaded.guard.output(OperatingMode.LOADING).any()
+
+
+@pytest.mark.parametrize("mode", MOVING)
+def test_a_platform_that_nothing_holds_gets_no_current(rig, card, plant_config, mode):
+    """It would fall with the amplifiers off: nothing lifts it in the first place."""
+    bench = RigInOneProcess(rig, card, plant_config, seed=3)
+    bench.guard = BridgeGuard(rig, replace(load_safety(), platform_held=False), card.watchdog)
+    bench.run(0.02)
+    assert bench.guard.fault is None
+    assert not bench.guard.enabled
+    bench.mode = mode
+    began_s = bench.now_s
+    bench.cycle()
+    assert bench.guard.fault.name == "not_held"
+    assert "robot or a stand" in bench.guard.fault.reason
+    bench.run(0.05)
+    assert not bench.guard.enabled
+    assert not bench.since(began_s)[2].any()
+    bench.mode = OperatingMode.STOPPED
+    bench.run(0.01)
+    assert bench.guard.fault is None
 
 
 def test_current_at_its_limit_for_long(loaded):

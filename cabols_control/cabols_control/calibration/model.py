@@ -176,6 +176,20 @@ def courses(
     return length, direction, lever
 
 
+def springs_at(layout: Layout, values: FloatArray, length: FloatArray) -> FloatArray:
+    """(k, n) k_e of the limbs at the cables' lengths [N/m].
+
+    Args:
+        layout: of the parameters.
+        values: (p,) parameters.
+        length: (k, n) of the cables [m].
+    """
+    softness = 1.0 / layout.parts(values)["stiffness"]
+    return np.asarray(
+        1.0 / (softness + layout.per_metre * (length - layout.length)), dtype=np.float64
+    )
+
+
 def predicted(layout: Layout, values: FloatArray, readings: Readings) -> FloatArray:
     """(k, n + 6) let-out lengths [m] of rows without a load, wrenches of rows with one; else 0.
 
@@ -188,10 +202,11 @@ def predicted(layout: Layout, values: FloatArray, readings: Readings) -> FloatAr
     length, direction, lever = courses(layout, values, readings.position, readings.rotation)
     found = np.zeros((len(length), n + 6))
     loaded = readings.loaded
-    free = length - own["offset"] - readings.tension / own["stiffness"]
+    spring = springs_at(layout, values, length)
+    free = length - own["offset"] - readings.tension / spring
     found[~loaded, :n] = free[~loaded]
     stretch = length - own["offset"] - readings.let_out
-    pull = (own["stiffness"] * stretch)[..., None] * direction
+    pull = (spring * stretch)[..., None] * direction
     force, torque = pull.sum(axis=1), np.cross(lever, pull).sum(axis=1)
     down = np.array([0.0, 0.0, -1.0])
     arm = np.einsum("kab,b->ka", readings.rotation, own["moment"])
@@ -261,14 +276,13 @@ def noise_covariances(
     """
     n, loaded = layout.cables, readings.loaded
     by_pose = pose_derivatives(layout, values, readings)
-    own = layout.parts(values)
-    _, direction, lever = courses(layout, values, readings.position, readings.rotation)
+    length, direction, lever = courses(layout, values, readings.position, readings.rotation)
     columns = np.concatenate([direction, np.cross(lever, direction)], axis=2)
     turned = np.concatenate(
         [np.einsum("kba,knb->kna", readings.rotation, part) for part in np.split(columns, 2, 2)],
         axis=2,
     )
-    by_length = np.swapaxes(own["stiffness"][:, None] * turned, 1, 2)
+    by_length = np.swapaxes(springs_at(layout, values, length)[..., None] * turned, 1, 2)
     scaled = by_pose * noise.pose
     found = scaled @ np.swapaxes(scaled, 1, 2)
     own_noise = np.repeat([noise.force, noise.torque], 3) ** 2

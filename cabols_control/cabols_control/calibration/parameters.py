@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.kinematics import cable_lengths
 from cabols_control.naming import cable_name
 from cabols_control.rig import Rig
 
@@ -52,6 +53,8 @@ class Layout:
     Attributes:
         cables: number n of cables.
         axes: (n, 3) unit vectors of the pulleys' swivels, which are taken as they are.
+        per_metre: (n,) compliance of a metre of cable, which is taken as it is [1/N].
+        length: (n,) of the cables at the reference pose, to which k_e belongs [m].
         start: (p,) values of the drawing.
         spread: (p,) standard deviations beforehand.
         names: (p,) for people.
@@ -59,6 +62,8 @@ class Layout:
 
     cables: int
     axes: FloatArray
+    per_metre: FloatArray
+    length: FloatArray
     start: FloatArray
     spread: FloatArray
     names: tuple[str, ...]
@@ -111,7 +116,7 @@ def layout_of(
     before, geometry, n = known or Beforehand(), rig.geometry, rig.geometry.cables
     records = geometry.records()
     cables = [cable_name(i) for i in range(n)]
-    nominal = float(rig.limbs.stiffness)
+    nominal = rig.springs.nominal
     table: list[tuple[FloatArray, float, list[str]]] = [
         (records["base"], before.base_point, [f"{c}, base {a}" for c in cables for a in AXES]),
         (
@@ -121,7 +126,7 @@ def layout_of(
         ),
         (records["radius"], before.radius, [f"{c}, pulley radius" for c in cables]),
         (np.zeros(n), before.offset, [f"{c}, length offset" for c in cables]),
-        (np.full(n, nominal), before.stiffness * nominal, [f"{c}, k_e" for c in cables]),
+        (nominal, np.nan, [f"{c}, k_e" for c in cables]),
         (np.zeros(3), before.sensor_turn, [f"sensor turn {a}" for a in AXES]),
         (np.zeros(3), before.sensor_shift, [f"sensor shift {a}" for a in AXES]),
         (np.array([weight]), before.weight, ["weight"]),
@@ -132,4 +137,15 @@ def layout_of(
     spread = np.concatenate([np.full(np.size(values), sigma) for values, sigma, _ in table])
     spread[-6:] = np.repeat([before.bias_force, before.bias_torque], 3)
     names = tuple(name for _, _, names in table for name in names)
-    return Layout(n, records["axis"].copy(), start, np.asarray(spread, dtype=np.float64), names)
+    reference = geometry.reference_position, geometry.reference_rotation
+    layout = Layout(
+        cables=n,
+        axes=records["axis"].copy(),
+        per_metre=rig.springs.per_metre,
+        length=cable_lengths(geometry, *reference),
+        start=start,
+        spread=np.asarray(spread, dtype=np.float64),
+        names=names,
+    )
+    layout.parts(layout.spread)["stiffness"][:] = before.stiffness * nominal
+    return layout

@@ -177,13 +177,14 @@ def write_rig(
     )
     (target / "geometry.yaml").unlink()
     write_geometry(geometry, target / "geometry.yaml", comment)
-    k_e = float(found.layout.parts(found.values)["stiffness"].mean())
+    springs = found.layout.parts(found.values)["stiffness"]
     limbs = target / "limbs.yaml"
-    text = limbs.read_text(encoding="utf-8")
+    each = ", ".join(f"{k_e:.1f}" for k_e in springs)
+    # Also a list over several lines: up to the next line that begins with a key or a comment.
     new, count = re.subn(
-        r"(?m)^stiffness:.*$",
-        f"stiffness: {k_e:.1f}   # N/m, mean of {RECORD}, {day}",
-        text,
+        r"(?m)^stiffness:.*\n(?:[ \t\]\-].*\n|\n)*",
+        f"stiffness: [{each}]   # N/m, by {RECORD}, {day}\n",
+        limbs.read_text(encoding="utf-8"),
     )
     if count == 1 and found.told[_places(found, "stiffness")].all():
         limbs.write_text(new, encoding="utf-8")

@@ -167,19 +167,20 @@ def _residuals(rig: Rig, used: PoseRecording, turns: Slerp, lag: float) -> Float
     at = used.time + lag
     places = np.array([np.interp(at, used.pose_time, used.pose[:, k]) for k in range(3)]).T
     rotations = turns(at).as_matrix()
-    geometry, stiffness = rig.geometry, rig.limbs.stiffness
+    geometry = rig.geometry
     n = geometry.cables
     sides = _directions(used.wound)
     rows = np.zeros((at.size, 6, 2 * n + 6))
     given = np.zeros((at.size, 6))
     for k in range(at.size):
         pose = places[k], rotations[k]
-        matrix = structure_matrix(geometry, *pose)
-        stretch = used.wound[k] + cable_lengths(geometry, *pose)
+        length = cable_lengths(geometry, *pose)
+        pulled = structure_matrix(geometry, *pose) * rig.springs.stiffness(length)
+        stretch = used.wound[k] + length
         measured = np.concatenate([pose[1] @ used.wrench[k, :3], pose[1] @ used.wrench[k, 3:]])
-        given[k] = measured - stiffness * (matrix @ stretch)
-        rows[k, :, :n] = -stiffness * matrix
-        rows[k, :, n : 2 * n] = -stiffness * matrix * sides[k]
+        given[k] = measured - pulled @ stretch
+        rows[k, :, :n] = -pulled
+        rows[k, :, n : 2 * n] = -pulled * sides[k]
         rows[k, :3, 2 * n : 2 * n + 3] = rows[k, 3:, 2 * n + 3 :] = pose[1]
     scale = np.array([1.0, 1.0, 1.0, TORQUE_SCALE, TORQUE_SCALE, TORQUE_SCALE])
     flat = (rows * scale[:, None]).reshape(-1, 2 * n + 6)

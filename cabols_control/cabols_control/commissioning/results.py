@@ -177,14 +177,19 @@ class LimbResult:
 def commissioned_rig(rig: Rig, results: Mapping[int, LimbResult]) -> Rig:
     """Return the rig with what was identified in place of what was configured.
 
-    All limbs share one k_e (thesis section 3.4.1): the mean of those identified.
+    Where the configuration has one k_e for all limbs (thesis section 3.4.1), it is the mean of
+    those identified; where it has one for each, each limb gets its own.
     """
     gain, constant = list(rig.limbs.gain), list(rig.limbs.time_constant)
     for limb, result in results.items():
         if np.isfinite(result.gain) and np.isfinite(result.time_constant):
             gain[limb], constant[limb] = float(result.gain), float(result.time_constant)
-    found = [r.stiffness for r in results.values() if np.isfinite(r.stiffness)]
-    stiffness = float(np.mean(found)) if found else rig.limbs.stiffness
+    found = {i: float(r.stiffness) for i, r in results.items() if np.isfinite(r.stiffness)}
+    stiffness = rig.limbs.stiffness
+    if isinstance(stiffness, list):
+        stiffness = [found.get(i, before) for i, before in enumerate(stiffness)]
+    elif found:
+        stiffness = float(np.mean(list(found.values())))
     limbs = replace(rig.limbs, stiffness=stiffness, gain=gain, time_constant=constant)
     return Rig(rig.geometry, limbs, rig.control)
 
@@ -218,18 +223,27 @@ def _limbs_text(rig: Rig, results: Mapping[int, LimbResult]) -> str:
     left = [i for i in range(len(limbs.gain)) if i not in results]
     note = f"# As configured, not commissioned: {limb_names(left)}.\n" if left else ""
     values = {
-        "stiffness": round(limbs.stiffness, 2),
+        "stiffness": _rounded(limbs.stiffness),
         "switch_tension": limbs.switch_tension,
         "gain": [round(value, 8) for value in limbs.gain],
         "time_constant": [round(value, 8) for value in limbs.time_constant],
     }
+    if limbs.backlash > 0.0:
+        values["backlash"] = limbs.backlash
+    if limbs.axial_stiffness is not None:
+        values["axial_stiffness"] = limbs.axial_stiffness
     head = "# Limbs by commissioning, limb 1 first: N/m, N, m/s/A, s.\n"
     return head + note + yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
 
 
+def _rounded(value: float | list[float]) -> float | list[float]:
+    """Hundredths of one number or of each."""
+    return [round(each, 2) for each in value] if isinstance(value, list) else round(value, 2)
+
+
 def _gains_text(rig: Rig) -> str:
     control = rig.control
-    gains = wrench_gains(rig.limbs.models, rig.limbs.stiffness, control.poles, control.zero)
+    gains = wrench_gains(rig.limbs.models, rig.springs.nominal, control.poles, control.zero)
     values: dict[str, Any] = {
         "k_I": [round(float(g.integral), 4) for g in gains.limbs],
         "k_P1": [round(float(g.velocity), 5) for g in gains.limbs],
@@ -251,11 +265,11 @@ def table(rig: Rig, results: Mapping[int, LimbResult]) -> str:
         "limb   k [m/s/A]  configured    T [s]  configured    fit [%]  k_e [N/m]  configured"
         "   fit [%]"
     ]
-    limbs = rig.limbs
+    limbs, springs = rig.limbs, rig.springs.nominal
     for i, r in sorted(results.items()):
         lines.append(
             f"{number(i):4d} {r.gain:11.4f} {limbs.gain[i]:11.4f} {r.time_constant:8.4f} "
             f"{limbs.time_constant[i]:11.4f} {100 * r.fit:10.2f} {r.stiffness:10.1f} "
-            f"{limbs.stiffness:11.1f} {100 * r.stiffness_fit:9.2f}"
+            f"{springs[i]:11.1f} {100 * r.stiffness_fit:9.2f}"
         )
     return "\n".join(lines)

@@ -58,7 +58,7 @@ LIMB = np.dtype(
         ("tension_gain", np.float64),  # k_P2 [m/s/N]
         ("current_per_speed", np.float64),  # 1 / k of (3.11) [A s/m]
         ("current_per_change", np.float64),  # T / k [A s^2/m]
-        ("stiffness", np.float64),  # k_e [N/m]
+        ("stiffness", np.float64),  # k_e at the reference pose [N/m]
         ("backlash", np.float64),  # that the law allows for [m]
         ("pulley", np.float64),  # wound length behind the backlash [m]
         ("integral", np.float64),  # of the law [m]
@@ -176,7 +176,8 @@ def limb_control_work(rig: Rig, limbs: Sequence[int]) -> Any:
     models = [rig.limbs.models[i] for i in limbs]
     records["current_per_speed"] = [1.0 / model.gain for model in models]
     records["current_per_change"] = [model.time_constant / model.gain for model in models]
-    records["stiffness"], records["backlash"] = rig.limbs.stiffness, rig.limbs.backlash
+    records["stiffness"] = rig.springs.nominal[list(limbs)]
+    records["backlash"] = rig.limbs.backlash
     work["limbs"] = records
     return work
 

@@ -41,7 +41,7 @@ def motor_current(
     smooth = np.column_stack([np.convolve(column, kernel, "same") for column in tension.T])
     # Beyond the ends the average sees zeros.
     smooth[: WINDOW // 2], smooth[-(WINDOW // 2) :] = tension[0], tension[-1]
-    speed = np.gradient(smooth, PERIOD_S, axis=0) / rig.limbs.stiffness
+    speed = np.gradient(smooth, PERIOD_S, axis=0) / rig.springs.nominal
     slope = np.gradient(speed, PERIOD_S, axis=0)
     gain, time_constant = np.array(rig.limbs.gain), np.array(rig.limbs.time_constant)
     current = (speed + time_constant * slope) / gain

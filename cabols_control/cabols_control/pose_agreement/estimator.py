@@ -138,10 +138,10 @@ class PoseEstimator:
             noise: what counts as agreement; None: `rig_noise`.
         """
         self._geometry, self._frames = rig.geometry, frames
-        self._stiffness = np.full(rig.geometry.cables, rig.limbs.stiffness)
+        self._springs = rig.springs
         self._monitor = AgreementMonitor(
             rig.geometry,
-            self._stiffness,
+            rig.springs.nominal,
             noise or rig_noise(frames),
             ROBOT_STD if robot else STILL_STD,
         )
@@ -202,7 +202,7 @@ class PoseEstimator:
             pose.position,
             pose.rotation,
             sample.wound,
-            self._stiffness * elongation,
+            self._springs.stiffness(length) * elongation,
             wrench,
             moment.travel,
             moment.acceleration,

@@ -34,6 +34,8 @@ class FaultName(str, Enum):
     CARD = "card"
     FIRST_POWER_ON = "first_power_on"
     """The rig's wiring has not been checked: one limb moves at a time, at 0.1 A, for 5 mm."""
+    NOT_HELD = "not_held"
+    """Nothing but the cables holds the platform: no current may flow."""
     # Found by controllers and by the bridge in what they receive.
     CLOCK = "clock"
     """The samples' clock went back."""

@@ -81,6 +81,7 @@ class Supervision:
         self._reports: dict[str, float] = {}
         self._untared: dict[str, str] = {}
         self._unchecked: dict[str, str] = {}
+        self._unheld: dict[str, str] = {}
         self._leaving: dict[str, str] = {}
         self._recorded_s = np.inf
         self._complaints: dict[str, tuple[Fault, float]] = {}
@@ -209,14 +210,15 @@ class Supervision:
             node: its name.
             notice: what it says; None for nothing.
         """
-        if notice is not None and notice.name == FaultName.FIRST_POWER_ON:
-            self._note(self._unchecked, node, notice.reason)
-        else:
-            self._unchecked.pop(node, None)
-        if notice is not None and notice.name == FaultName.NOT_TARED:
-            self._note(self._untared, node, notice.reason)
-        else:
-            self._untared.pop(node, None)
+        for name, notes in (
+            (FaultName.NOT_HELD, self._unheld),
+            (FaultName.FIRST_POWER_ON, self._unchecked),
+            (FaultName.NOT_TARED, self._untared),
+        ):
+            if notice is not None and notice.name == name:
+                self._note(notes, node, notice.reason)
+            else:
+                notes.pop(node, None)
         if notice is not None and notice.name in ORDERLY_END:
             self._leaving[node] = notice.reason
             self.abandon(f"{node}: {notice.reason}")
@@ -302,6 +304,8 @@ class Supervision:
         """
         before = self.mode
         if requested in MOVING:
+            for node, reason in self._unheld.items():
+                return Verdict(ResultCode.FAULT_REPORTED, f"{node}: {reason}", FaultName.NOT_HELD)
             for node, reason in self._leaving.items():
                 return Verdict(ResultCode.NOT_READY, f"{node}: {reason}")
             # A node with a fault does not count as running: its fault is the better answer.

@@ -16,7 +16,16 @@ from .arguments import check_limits, check_matrix, check_weights, check_wrench
 from .calls import SOFTENED, STATUS_MASK, STEP_BITS
 from .kernels.basis import prepare_pose
 from .kernels.work_array import EXACT, FEASIBLE, INFEASIBLE, INVALID, ITERATIONS, LOSS, work_size
-from .methods import CHOICES, DEFAULT_EXPONENT, choose_prepared, set_method
+from .many_cables import choose_in_polytope
+from .methods import (
+    CHOICES,
+    DEFAULT_EXPONENT,
+    MAX_REDUNDANCY,
+    MIN_CABLES,
+    check_method,
+    choose_prepared,
+    set_method,
+)
 from .references.daqp_fallback import solve_daqp
 from .references.enumeration import enumerate_active_sets
 from .solution import TensionSolution
@@ -65,10 +74,11 @@ def distribute(
         tension_min: number or (n,) lower limits [N].
         tension_max: number or (n,) upper limits [N].
         method: "min_norm" (compiled, exact), "kkt_enumeration" (the source's, up to 129 linear
-            solves for n = 8) or "daqp" (a QP solver, polished; needs the package `daqp`); or,
-            for at most 8 cables, other feasible tensions than those of least norm: "p_norm",
-            "barycentre", "analytic_centre" (methods.py). All but "min_norm" leave infeasible
-            wrenches and rank-deficient A to it.
+            solves for n = 8) or "daqp" (a QP solver, polished; needs the package `daqp`); or
+            other feasible tensions than those of least norm: "p_norm", "barycentre",
+            "analytic_centre", compiled for at most 8 cables (methods.py), in milliseconds for more
+            and for rank-deficient A (many_cables.py). All but "min_norm" leave infeasible wrenches
+            to it.
         weights: (6,) positive weights of the wrench components in the nearest wrench; default
             1/N for force and 1/(0.15 m) for torque, 0.15 m the reference platform's radius.
         exponent: p of "p_norm", 2 to 32.
@@ -130,8 +140,14 @@ def distribute(
         found, iterations = _EXACT[method](matrix, target, low, high)
         if found is not None:
             return TensionSolution(found, True, matrix @ found - target, method, iterations)
-    set_method(work, n, method if method in CHOICES else "min_norm", exponent)
+    chosen = method if method in CHOICES else _PLAIN
+    check_method(MIN_CABLES, chosen, exponent)
+    in_polytope = chosen != _PLAIN and (deficient or n > MIN_CABLES + MAX_REDUNDANCY)
+    set_method(work, n, _PLAIN if in_polytope else chosen, exponent)
     status = choose_prepared(work, target, tension, residual)
+    if in_polytope and status == FEASIBLE:
+        tension = choose_in_polytope(matrix, tension, low, high, CHOICES[chosen], exponent)
+        residual = matrix @ tension - target
     if status == INVALID:  # finite, but beyond what squares can hold
         raise ShapeError(f"A, wrench: expected numbers below 1e99, got {target}; check the units")
     steps, loss = int(work[ITERATIONS]), float(work[LOSS])

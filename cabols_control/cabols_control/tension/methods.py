@@ -4,7 +4,8 @@ All start from the minimum norm, which also decides feasibility. A wrench that i
 tensions of its nearest feasible wrench: where several give that, the method chooses among them,
 so that tensions stay continuous across the boundary. With one degree of redundancy the feasible
 tensions are an interval, with two a polygon; without any there is nothing to choose. The others
-than the minimum norm are made for these: for more, `set_method` refuses.
+than the minimum norm are compiled for these: for more, `set_method` refuses, and `distribute` finds
+them in milliseconds (many_cables.py).
 
 The method stands in the work array, so that compiled loops take it without another argument. A
 share below 1 stays nearer the minimum norm in proportion: every mixture of two feasible tensions is
@@ -61,6 +62,7 @@ CHOICES = {
 DEFAULT_EXPONENT = 4.0
 EXPONENTS = (2.0, 32.0)
 """Least and largest p: 2 is nearest to the middle of the limits, 32 nearly the largest slack."""
+MIN_CABLES = 6
 MAX_REDUNDANCY = 2
 NARROW = 0.02
 """Times the largest limit: where the polygon's area over half its perimeter is less, the method's
@@ -82,10 +84,10 @@ def check_method(cables: int, method: str, exponent: float = DEFAULT_EXPONENT) -
     """
     if method not in CHOICES:
         raise CabolsError(f"method: expected one of {', '.join(CHOICES)}, got {method!r}")
-    if method != "min_norm" and cables > 6 + MAX_REDUNDANCY:
+    if method != "min_norm" and cables > MIN_CABLES + MAX_REDUNDANCY:
         raise CabolsError(
-            f'method: expected "min_norm" for {cables} cables, got "{method}", which is made for '
-            f"{MAX_REDUNDANCY} degrees of redundancy at most"
+            f'method: expected "min_norm" for {cables} cables, got "{method}", which the control '
+            f"cycle has for {MAX_REDUNDANCY} degrees of redundancy at most; `distribute` takes more"
         )
     if not EXPONENTS[0] <= exponent <= EXPONENTS[1]:
         raise CabolsError(

@@ -77,6 +77,15 @@ class PoseGrid:
         mesh = np.meshgrid(self.x, self.y, self.z, indexing="ij")
         return np.ascontiguousarray(np.stack(mesh, axis=-1).reshape(-1, 3))
 
+    def positions_of(self, part: slice) -> FloatArray:
+        """(k, 3) some of the positions, without the others [m].
+
+        Args:
+            part: from where to where in `positions`.
+        """
+        i, j, k = np.unravel_index(np.arange(part.start, part.stop), self.shape)
+        return np.column_stack([self.x[i], self.y[j], self.z[k]])
+
     @property
     def rotations(self) -> FloatArray:
         """(o, 3, 3) from platform to base axes."""
@@ -151,11 +160,30 @@ def evaluate_piece(
     return Piece(capacity, clearance)
 
 
+def _positions_each(grid: PoseGrid) -> int:
+    """Positions of a piece of about CHUNK_POSES poses."""
+    return max(CHUNK_POSES // int(grid.angles_deg.shape[0]), 1)
+
+
+def piece_count(grid: PoseGrid) -> int:
+    """Number of pieces that a grid is cut into."""
+    return -(-int(np.prod(grid.shape)) // _positions_each(grid))
+
+
+def piece_of(grid: PoseGrid, k: int) -> slice:
+    """Positions of a piece.
+
+    Args:
+        grid: that is cut.
+        k: number of the piece, from 0.
+    """
+    each = _positions_each(grid)
+    return slice(k * each, min((k + 1) * each, int(np.prod(grid.shape))))
+
+
 def pieces_of(grid: PoseGrid) -> list[slice]:
     """Cut the positions of a grid into pieces of about CHUNK_POSES poses."""
-    total = int(np.prod(grid.shape))
-    each = max(CHUNK_POSES // grid.angles_deg.shape[0], 1)
-    return [slice(first, min(first + each, total)) for first in range(0, total, each)]
+    return [piece_of(grid, k) for k in range(piece_count(grid))]
 
 
 @dataclass(frozen=True, eq=False)

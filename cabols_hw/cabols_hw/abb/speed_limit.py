@@ -47,12 +47,12 @@ def allowed_speed(
     geometry = rig.geometry
     pose = geometry.reference_position, geometry.reference_rotation
     directions = structure_matrix(geometry, *pose)[:3]
-    stiffness = float(rig.limbs.stiffness)
-    platform = stiffness * np.linalg.eigvalsh(directions @ directions.T).max()
+    springs = rig.springs.nominal
+    platform = np.linalg.eigvalsh((directions * springs) @ directions.T).max()
     pulls = np.full(geometry.cables, FREE_N)
     if tension is not None:
         pulls = np.maximum(finite_array("tension", tension, (geometry.cables,)), 0.0)
     held = np.linalg.norm(directions @ pulls)
     force = float(np.minimum(envelope[:3], sensor[:3]).min()) - held
-    way = min((tension_max - float(pulls.max())) / stiffness, force / platform)
+    way = min(float(((tension_max - pulls) / springs).min()), force / platform)
     return float(max(way, 0.0) / (SILENCE_S + PERIOD_S + 0.5 * brake_s))

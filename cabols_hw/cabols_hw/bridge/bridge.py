@@ -73,8 +73,11 @@ class Bridge:
         self._work = limb_reading_work(n)
         self._work["counts_per_metre"] = card.counts_per_metre
         self._work["wanted_closings"] = closings
-        self._work["stiffness"] = rig.limbs.stiffness
-        self._work["switch_elongation"] = rig.limbs.switch_tension / rig.limbs.stiffness
+        self._work["switch_tension"] = rig.limbs.switch_tension
+        limbs, springs = self._work["limbs"][0], rig.springs
+        limbs["stiffness"] = springs.nominal
+        limbs["switch_elongation"] = rig.limbs.switch_tension / springs.nominal
+        limbs["compliance"], limbs["compliance_per_metre"] = springs.fixed, springs.per_metre
         self._started = False
         self._mode = OperatingMode.STOPPED
         self._zeroing = 0
@@ -108,8 +111,6 @@ class Bridge:
             card.ft_matrix,
             card.sensor_limits,
             card.tare_samples,
-            rig.limbs.stiffness,
-            rig.limbs.switch_tension / rig.limbs.stiffness,
         )
         self.gauges = np.zeros(6)
         self.rotation = np.eye(3)

@@ -29,6 +29,10 @@ LIMB_READING = np.dtype(
         ("zero", np.float64),  # stretch that counts as elongation 0 [m]; NaN: unknown
         ("stretch", np.float64),  # wound length and way between the points, newest [m]
         ("closed_stretch", np.float64),  # the same when the switch was closed last [m]; NaN: never
+        ("stiffness", np.float64),  # k_e at the newest length [N/m]
+        ("switch_elongation", np.float64),  # where the switch closes, at the newest length [m]
+        ("compliance", np.float64),  # of all but the cable's length [m/N]
+        ("compliance_per_metre", np.float64),  # of the cable [1/N]; 0: k_e is constant
     ],
     align=True,
 )
@@ -53,8 +57,7 @@ def _reading_dtype(cables: int) -> Any:
     """Build the dtype of limb_reading_work for n cables; the same object for the same number."""
     fields = [
         ("counts_per_metre", np.float64),
-        ("switch_elongation", np.float64),  # where a switch closes [m]
-        ("stiffness", np.float64),  # k_e [N/m]
+        ("switch_tension", np.float64),  # where a switch closes [N]
         ("wanted_closings", np.int64),  # of a switch before one sets its limb's zero
         ("sets_zeros", np.int64),  # whether switches that close set their limbs' zeros
         ("limbs", LIMB_READING, (cables,)),
@@ -105,17 +108,21 @@ def limbs_into(
         wound[i] = limb["counts"] / own["counts_per_metre"]
         # Winding in and motion of the platform away stretch a cable.
         stretch = wound[i] + length[i]
+        if limb["compliance_per_metre"] > 0.0:
+            softness = limb["compliance"] + limb["compliance_per_metre"] * length[i]
+            limb["stiffness"] = 1.0 / softness
+            limb["switch_elongation"] = own["switch_tension"] * softness
         if sets_zeros and closed[i] and not limb["was_closed"] and not zeroed[i]:
             limb["closings"] += 1
             if limb["closings"] >= own["wanted_closings"]:
-                limb["zero"] = stretch - own["switch_elongation"]
+                limb["zero"] = stretch - limb["switch_elongation"]
                 zeroed[i] = True
         limb["was_closed"] = closed[i]
         limb["stretch"] = stretch
         if closed[i]:
             limb["closed_stretch"] = stretch
         elongation[i] = stretch - limb["zero"]
-        tension[i] = own["stiffness"] * elongation[i]
+        tension[i] = limb["stiffness"] * elongation[i]
 
 
 @njit(cache=True)

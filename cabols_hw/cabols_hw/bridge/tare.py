@@ -39,16 +39,15 @@ class Slack(IntEnum):
     TAUT = 2
 
 
-def slackness(limbs: Any, closed: BoolArray, switch_elongation: float) -> IntArray:
+def slackness(limbs: Any, closed: BoolArray) -> IntArray:
     """(n,) Slack of the cables.
 
     Args:
         limbs: (n,) records of LIMB_READING.
         closed: (n,) switches.
-        switch_elongation: at the switch's tension [m].
     """
     stretch, zero, last_closed = limbs["stretch"], limbs["zero"], limbs["closed_stretch"]
-    paid_out = stretch <= last_closed - SLACK_PAYOUT * switch_elongation
+    paid_out = stretch <= last_closed - SLACK_PAYOUT * limbs["switch_elongation"]
     shown = np.where(np.isfinite(zero), stretch <= zero, paid_out)
     never = np.isnan(zero) & np.isnan(last_closed)
     found = np.where(shown, Slack.SHOWN, np.where(never, Slack.UNKNOWN, Slack.TAUT))
@@ -72,8 +71,6 @@ class SensorTare:
         matrix: FloatArray,
         limits: FloatArray,
         samples: int,
-        stiffness: float,
-        switch_elongation: float,
     ) -> None:
         """Begin to measure, without any bias.
 
@@ -82,12 +79,9 @@ class SensorTare:
             matrix: (6, 6) of its calibration [N/V, N m/V].
             limits: (6,) its range [N, N m].
             samples: that are averaged.
-            stiffness: of spring and cable [N/m].
-            switch_elongation: at the switch's tension [m].
         """
         self._serial, self._matrix, self._limits = serial, matrix, limits
-        self._samples, self._stiffness = samples, stiffness
-        self._switch_elongation = switch_elongation
+        self._samples = samples
         self._before: SensorBias | None = None
         self._candidate: SensorBias | None = None
         self._stretch_at_tare: FloatArray | None = None
@@ -122,7 +116,7 @@ class SensorTare:
         Returns:
             Why it is refused at once; empty if it is not.
         """
-        if taut := self._taut(slackness(limbs, closed, self._switch_elongation)):
+        if taut := self._taut(slackness(limbs, closed)):
             self._refuse(taut)
             return self.refusal
         self.refusal = ""
@@ -159,7 +153,7 @@ class SensorTare:
         Returns:
             Whether `bias` has changed.
         """
-        known = slackness(limbs, closed, self._switch_elongation)
+        known = slackness(limbs, closed)
         if taut := self._taut(known):
             return self._refuse(taut)
         load = self._matrix @ volts - weight
@@ -247,7 +241,7 @@ class SensorTare:
             self.bias = self.proven = candidate
             return changed
         self.bias = self._before
-        worst = float(np.nanmax(pulled)) * self._stiffness
+        worst = float(np.nanmax(pulled * limbs["stiffness"]))
         self._refuse(
             f"{limb_names(np.flatnonzero(~(pulled <= 0.0)))} pulled up to {worst:.1f} N meanwhile, "
             "as the zeros show now"

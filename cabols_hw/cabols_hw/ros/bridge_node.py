@@ -30,6 +30,7 @@ from cabols_hw.ros.pose_input import PoseInput
 from cabols_hw.ros.power_on import PowerOnGate
 from cabols_hw.ros.warm_up import warm_up_guard
 from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.safety.faults import NOT_HELD
 from cabols_hw.safety.guard import BridgeGuard
 
 RING = 1024
@@ -80,6 +81,8 @@ class BridgeNode(ControlNode):
         self._safety_config = self.safety_config()
         self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
         self._power_on = PowerOnGate(self, self._guard, self.is_rig)
+        held = self._safety_config.platform_held
+        self._unheld = None if held else Fault(FaultName.NOT_HELD, NOT_HELD)
         currents = topics.motor_current_layout(geometry, n)
         sessions = self.status.sessions
         self._current_input = Input(self, "motor_current", currents, self.lockstep)
@@ -369,7 +372,8 @@ class BridgeNode(ControlNode):
         answered = RUNNING if ready else WAITING
         if self.status.cycles % NOTICE_EVERY == 0:
             resting = self._mode not in MOVING and not self._guard.unloading.active
-            self._notice = self._power_on.look(resting) or self._bias_keeper.look(resting)
+            found = self._power_on.look(resting) or self._bias_keeper.look(resting)
+            self._notice = self._unheld or found
         if self._stops.fault is not None:
             self.status.cycle(stamp_ns, FAULT, self._stops.fault)
         elif fault is not None:

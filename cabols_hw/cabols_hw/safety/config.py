@@ -78,6 +78,8 @@ class SafetyConfig:
         motion_time: longest time of motion_current [s].
         sensor_flat: longest time of a gauge at the same number [s]; 0: no limit.
         relief_time: longest time for FREE_MOVING to remove an overload that it found [s].
+        platform_held: whether a robot or a stand holds the platform whatever the cables do. False:
+            it hangs on them, would fall with the amplifiers off, and no current flows.
     """
 
     wrench_max: list[Force]
@@ -110,6 +112,7 @@ class SafetyConfig:
     relief_time: Time = 3.0
     speed_path: Speed | None = None
     rotation_speed_path: Turning | None = None
+    platform_held: bool = True
 
     def __post_init__(self) -> None:
         """Check lengths, and the limits against each other."""

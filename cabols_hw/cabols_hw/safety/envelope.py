@@ -51,8 +51,7 @@ class SafetyEnvelope:
         limits = self._limb_limits = np.zeros(1, limb_rules.LIMB_LIMITS)
         for name in limits.dtype.names or ():
             limits[name] = getattr(config, name, 0.0)
-        limits["current_limit"], limits["stiffness"] = current_limit, rig.limbs.stiffness
-        limits["switch_elongation"] = rig.limbs.switch_tension / rig.limbs.stiffness
+        limits["current_limit"], limits["switch_tension"] = current_limit, rig.limbs.switch_tension
         self._limbs = np.zeros(n, limb_rules.LIMB_WATCH)
         self._limbs["slack_stretch"] = np.nan
         self._limbs["gain"], self._limbs["time_constant"] = rig.limbs.gain, rig.limbs.time_constant

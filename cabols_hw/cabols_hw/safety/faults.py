@@ -63,6 +63,7 @@ FAULTS: dict[FaultName, Reaction] = {
     FaultName.COMMAND_AGE: Reaction.CUT,
     FaultName.CARD: Reaction.CUT,
     FaultName.FIRST_POWER_ON: Reaction.CUT,
+    FaultName.NOT_HELD: Reaction.CUT,
 }
 """Every fault that the bridge finds, and its reaction.
 
@@ -84,5 +85,11 @@ POSE_LOST: frozenset[FaultName] = frozenset(
     {FaultName.POSE, FaultName.POSE_SPEED, FaultName.POSE_AGE}
 )
 """Faults after which the platform may move without a pose: the limbs give way by their switches."""
+NOT_HELD = (
+    "nothing but the cables holds the platform (platform_held of safety.yaml): it would fall with "
+    "the amplifiers off, so that nothing moves. Let a robot or a stand hold it, then set "
+    "platform_held"
+)
+"""What the bridge says of a platform that hangs on its cables."""
 FOLLOWED: frozenset[FaultName] = frozenset({FaultName.COMMAND_AGE, FaultName.MOTION})
 """Faults that are cut, but after which the limbs give way to a robot that may still move."""

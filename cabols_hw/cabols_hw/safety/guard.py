@@ -14,7 +14,14 @@ from cabols_hw.bridge.unloading import Unloading
 from cabols_hw.bridge.watchdog import CommandWatchdog, merge_into
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.envelope import SafetyEnvelope
-from cabols_hw.safety.faults import BRAKED, FOLLOWED, POSE_LOST, BridgeFault, Reaction
+from cabols_hw.safety.faults import (
+    BRAKED,
+    FOLLOWED,
+    NOT_HELD,
+    POSE_LOST,
+    BridgeFault,
+    Reaction,
+)
 from cabols_hw.safety.first_power_on import PowerOnBound
 
 
@@ -48,12 +55,12 @@ class BridgeGuard:
         self.unloading = Unloading(rig)
         self.yielding = Yielding(rig)
         self._watchdog = CommandWatchdog(n, watchdog_s)
-        self._stiffness = rig.limbs.stiffness
         self._commanded = np.zeros(n)
         self._allowed = np.zeros(n)
         self._rest = np.zeros(n)
         self._trusted: BoolArray = np.zeros(n, dtype=np.bool_)
         self._doubted: BoolArray = np.zeros(n, dtype=np.bool_)
+        self._held = config.platform_held
         self._unloads = self._yields = False
         self._moved = False
         self._emergency = False
@@ -110,6 +117,8 @@ class BridgeGuard:
             beyond = self.power_on.judge(mode, bridge.wound_length)
             if beyond is not None:
                 self.safety.trip(beyond)
+        if not self._held and mode in MOVING:
+            self.safety.trip(BridgeFault(FaultName.NOT_HELD, NOT_HELD))
         fault, moved = self.fault, self._moved
         self._moved = mode in MOVING
         if mode == OperatingMode.STOPPED and before is not None:
@@ -242,7 +251,7 @@ class BridgeGuard:
         if self.braking.active:
             return
         tension = self.safety.tension_bound
-        elongation = tension / self._stiffness
+        elongation = tension / bridge.limbs["stiffness"]
         if self._unloads:
             self._unloads = False
             self.unloading.begin(now_s, tension, elongation, self._trusted)

@@ -41,8 +41,7 @@ LIMB_LIMITS = np.dtype(
         ("search_length", np.float64),
         ("cable_tension", np.float64),
         ("cable_time", np.float64),
-        ("stiffness", np.float64),  # k_e [N/m]
-        ("switch_elongation", np.float64),  # where a switch closes [m]
+        ("switch_tension", np.float64),  # where a switch closes [N]
         ("current_limit", np.float64),  # of the bridge [A]
         ("current_saturated", np.float64),
         ("motion_current", np.float64),
@@ -104,7 +103,7 @@ def forget_motion(watch: Any) -> None:
 
 
 @njit(cache=True)
-def _track_slack(own: Any, most: Any, reading: Any, closed: bool, dt_s: float) -> None:
+def _track_slack(own: Any, reading: Any, closed: bool, dt_s: float) -> None:
     """Keep the stretch at which a limb's cable would be slack, and so the most that it can pull.
 
     It holds in every mode, with and without a zero. At the start a cable counts as slack. A switch
@@ -112,7 +111,7 @@ def _track_slack(own: Any, most: Any, reading: Any, closed: bool, dt_s: float) -
     it says that the cable pulls more than was assumed.
     """
     stretch = reading["stretch"]
-    here = stretch - most["switch_elongation"]
+    here = stretch - reading["switch_elongation"]
     if np.isnan(own["slack_stretch"]):
         own["slack_stretch"] = here if closed else stretch
         own["proven"] = 0
@@ -123,7 +122,7 @@ def _track_slack(own: Any, most: Any, reading: Any, closed: bool, dt_s: float) -
         own["slack_stretch"], own["proven"] = here, 1
     own["open_s"] = 0.0 if closed else own["open_s"] + dt_s
     zero = own["slack_stretch"] if np.isnan(reading["zero"]) else reading["zero"]
-    own["bound"] = most["stiffness"] * (stretch - zero)
+    own["bound"] = reading["stiffness"] * (stretch - zero)
 
 
 @njit(cache=True)
@@ -211,18 +210,19 @@ def _note_surge(own: Any, quantum: float, speed: float, current: float, dt_s: fl
 
 @njit(cache=True)
 def _rule_of(
-    own: Any, most: Any, zeroed: bool, closed: bool, tension: float, current: float
+    own: Any, most: Any, reading: Any, closed: bool, tension: float, current: float
 ) -> int:
     """Find the first rule that one limb breaks now, but for an encoder's jump.
 
     Args:
         own: record of LIMB_WATCH of this sample.
         most: record of LIMB_LIMITS.
-        zeroed: whether the estimate counts.
+        reading: record of LIMB_READING; the estimate counts where there is a zero.
         closed: the switch.
         tension: estimate [N].
         current: on the amplifier [A].
     """
+    zeroed = not np.isnan(reading["zero"])
     speed, bound, ahead = own["last_speed"], own["bound"], own["ahead"]
     # A load, or friction, takes current away: only a motor ahead of its current goes by itself.
     unexplained = own["motion_s"] > 0.0 and own["motion_sign"] * speed > 0.0
@@ -239,7 +239,9 @@ def _rule_of(
         return Rule.TENSION.value
     if fast:
         return Rule.CABLE_SPEED.value
-    searched = bound + ahead > min(most["search_length"] * most["stiffness"], most["tension_max"])
+    searched = bound + ahead > min(
+        most["search_length"] * reading["stiffness"], most["tension_max"]
+    )
     if searched and winds and not (zeroed or closed or own["proven"]):
         return Rule.SEARCH.value
     if own["cable_s"] > most["cable_time"]:
@@ -308,8 +310,8 @@ def judge_limbs(
         pull = (gain * current[i] - own["observed"]) / time_constant + missing
         own["observed"] += dt_s * pull
         _model_speed(own, np.nan if jumped else speed, current[i], dt_s)
-        _track_slack(own, most, reading, closed[i], dt_s)
-        own["ahead"] = most["stiffness"] * _stopping_distance(
+        _track_slack(own, reading, closed[i], dt_s)
+        own["ahead"] = reading["stiffness"] * _stopping_distance(
             own, current[i], most["current_limit"]
         )
         if not acts:
@@ -326,7 +328,7 @@ def judge_limbs(
         if closed[i] or most["searches"] == 0 or wound[i] > own["farthest"] or jumped:
             own["farthest"] = wound[i]
         lost = not zeroed and own["farthest"] - wound[i] > most["search_length"]
-        taut = most["stiffness"] * most["switch_elongation"] + SLACK_N
+        taut = most["switch_tension"] + SLACK_N
         contradicts = zeroed and not closed[i] and most["follows"] != 0 and own["bound"] > taut
         own["slack_s"] = own["slack_s"] + dt_s if contradicts else 0.0
         if own["slack_s"] > SLACK_S:
@@ -335,7 +337,7 @@ def judge_limbs(
         if not closed[i] or zeroed or most["searches"] == 0 or here > own["closed_from"] or jumped:
             own["closed_from"] = here
         # What the gears hold may be taken off first, without a zero.
-        most_out = most["switch_payout"] + most["tension_max"] / most["stiffness"]
+        most_out = most["switch_payout"] + most["tension_max"] / reading["stiffness"]
         gives_way = paid_out > most["switch_payout"] or own["closed_from"] - here > most_out
         stuck = closed[i] and not zeroed and gives_way
         saturated = abs(current[i]) >= 0.99 * most["current_limit"]
@@ -352,7 +354,7 @@ def judge_limbs(
         if jumped:
             found, limb = Rule.ENCODER.value, i
             continue
-        rule = _rule_of(own, most, zeroed, closed[i], tension[i], current[i])
+        rule = _rule_of(own, most, reading, closed[i], tension[i], current[i])
         if stuck and (rule == Rule.FINE or rule == Rule.CURRENT or rule == Rule.MOTION):
             rule = Rule.SWITCH.value
         if lost and rule == Rule.FINE:

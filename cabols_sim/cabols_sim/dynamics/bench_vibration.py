@@ -63,7 +63,7 @@ class Held:
             mass=platform + rigid_body(WRIST_MASS_KG, WRIST_GYRATION_M),
             platform_mass=platform,
             target=joint_target(self.jacobian, self.joint_stiffness),
-            springs=spring_stiffness(rig.geometry, *pose, rig.limbs.stiffness),
+            springs=spring_stiffness(rig.geometry, *pose, rig.springs.nominal),
             tension=tension_stiffness(rig.geometry, *pose, tension),
             damping_ratio=DAMPING_RATIO,
         )
@@ -137,14 +137,14 @@ def target_cases(
     """Put a control design on targets of multiples of the robot's stiffness."""
     cases = []
     design = Rig(rig.geometry, rig.limbs, control)
-    stiffness, models = rig.limbs.stiffness, rig.limbs.models
+    stiffness, models = rig.springs.nominal, rig.limbs.models
     for factor in factors:
         model = vibration.with_target(factor)
         cases.append(
             TargetCase(
                 factor,
                 float(model.modes()[0][0]),
-                split(design.gains, models[0], stiffness, model),
+                split(design.gains, models[0], float(stiffness[0]), model),
                 fastest_design(models, stiffness, control.poles, control.zero, model, LOOP_DELAY_S),
             )
         )
@@ -153,7 +153,7 @@ def target_cases(
 
 def margin_numbers(rig: Rig) -> dict[str, float]:
     """Margins of a rig's loops with LOOP_DELAY_S; the limbs' are the smallest of all limbs."""
-    outer, inner = design_margins(rig.gains, rig.limbs.models, rig.limbs.stiffness, LOOP_DELAY_S)
+    outer, inner = design_margins(rig.gains, rig.limbs.models, rig.springs.nominal, LOOP_DELAY_S)
     return {
         "wrench_gain_margin_db": 20.0 * float(np.log10(outer.gain)),
         "wrench_phase_margin_deg": float(np.degrees(outer.phase)),

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from cabols_control.checks import FloatArray, in_range
+from cabols_control.checks import FloatArray, in_range, one_or_each
 from cabols_control.gains import LimbGains, WrenchGains
 from cabols_control.limb import LimbModel
 from cabols_sim.dynamics.vibration import VibrationModel
@@ -125,15 +125,23 @@ def margins(frequency: FloatArray, loop: ComplexArray) -> Margins:
 
 
 def design_margins(
-    gains: WrenchGains, models: Sequence[LimbModel], stiffness: float, delay_s: float
+    gains: WrenchGains, models: Sequence[LimbModel], stiffness: ArrayLike, delay_s: float
 ) -> tuple[Margins, tuple[Margins, ...]]:
-    """Margins of the wrench loop on a rigid target and of every limb's loop, with a delay."""
+    """Margins of the wrench loop on a rigid target and of every limb's loop, with a delay.
+
+    Args:
+        gains: of both loops.
+        models: (n,) of the limbs.
+        stiffness: k_e, one for all limbs or (n,) [N/m].
+        delay_s: of every sample on its way to the current [s].
+    """
     in_range("delay_s", delay_s, 0.0, 0.1)
     s = np.multiply(1j, FREQUENCIES)
     late = np.exp(-s * delay_s)
-    outer = margins(FREQUENCIES, wrench_loop(gains, models[0], stiffness, s, delay_s))
+    springs = one_or_each("stiffness", stiffness, len(models))
+    outer = margins(FREQUENCIES, wrench_loop(gains, models[0], float(springs[0]), s, delay_s))
     inner = tuple(
-        margins(FREQUENCIES, late * limb_loop(model, limb, stiffness, s))
-        for model, limb in zip(models, gains.limbs, strict=True)
+        margins(FREQUENCIES, late * limb_loop(model, limb, float(k_e), s))
+        for model, limb, k_e in zip(models, gains.limbs, springs, strict=True)
     )
     return outer, inner

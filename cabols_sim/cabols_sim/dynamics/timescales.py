@@ -13,9 +13,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
-from cabols_control.checks import FloatArray
+from cabols_control.checks import FloatArray, one_or_each
 from cabols_control.gains import WrenchGains, wrench_gains
 from cabols_control.limb import LimbModel
 from cabols_sim.dynamics.loops import (
@@ -162,7 +163,7 @@ def _poles(matrix: FloatArray) -> ComplexArray:
 def worst_margins(
     gains: WrenchGains,
     models: Sequence[LimbModel],
-    stiffness: float,
+    stiffness: ArrayLike,
     response: ComplexArray,
     delay_s: float,
 ) -> Margins:
@@ -171,12 +172,13 @@ def worst_margins(
     Args:
         gains: of both loops, one limb's or more.
         models: of the limbs.
-        stiffness: k_e [N/m].
+        stiffness: k_e, one for all limbs or (n,) [N/m].
         response: (k, 6) eigenvalues of the platform's response, from `response_eigenvalues`.
         delay_s: of every sample on its way to the current [s].
     """
     s = np.multiply(1j, FREQUENCIES)
-    curves = wrench_loop(gains, models[0], stiffness, s, delay_s)[:, None] * response
+    first = float(one_or_each("stiffness", stiffness, len(models))[0])
+    curves = wrench_loop(gains, models[0], first, s, delay_s)[:, None] * response
     each = [margins(FREQUENCIES, np.asarray(curve)) for curve in curves.T]
     each += design_margins(gains, models, stiffness, delay_s)[1]
     return Margins(
@@ -216,7 +218,7 @@ class Fastest:
 
 def fastest_design(
     models: Sequence[LimbModel],
-    stiffness: float,
+    stiffness: ArrayLike,
     poles: Sequence[float],
     zero: float,
     vibration: VibrationModel,
@@ -232,6 +234,7 @@ def fastest_design(
         return wrench_gains(models, stiffness, scale * np.array(poles), scale * zero)
 
     response = response_eigenvalues(vibration)
+    first = float(one_or_each("stiffness", stiffness, len(models))[0])
 
     def lacks(scale: float) -> str:
         gains = design(scale)
@@ -245,7 +248,7 @@ def fastest_design(
         return "" if found.distance >= DISTANCE else "distance from -1"
 
     def unstable(scale: float) -> str:
-        matrix = closed_loop(design(scale), models[0], stiffness, vibration)
+        matrix = closed_loop(design(scale), models[0], first, vibration)
         return "" if np.linalg.eigvals(matrix).real.max() < 0.0 else "stability"
 
     scale, why = _first_failure(lacks)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
-from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.checks import FloatArray, finite_array, in_range, one_or_each
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import RigGeometry
 from cabols_control.kinematics import structure_matrix
@@ -96,11 +96,13 @@ class VibrationModel:
 
 
 def spring_stiffness(
-    geometry: RigGeometry, position: ArrayLike, rotation: ArrayLike, stiffness: float
+    geometry: RigGeometry, position: ArrayLike, rotation: ArrayLike, stiffness: ArrayLike
 ) -> FloatArray:
     """(6, 6) k_e A A^T: what springs and cables give the platform with the motors standing."""
     matrix = structure_matrix(geometry, position, rotation)
-    return np.asarray(in_range("stiffness", stiffness, 0.0, 1e9) * matrix @ matrix.T)
+    springs = one_or_each("stiffness", stiffness, geometry.cables)
+    in_range("stiffness", float(springs.min()), 0.0, 1e9)
+    return np.asarray((matrix * springs) @ matrix.T)
 
 
 def joint_target(jacobian: ArrayLike, stiffness: ArrayLike) -> FloatArray:

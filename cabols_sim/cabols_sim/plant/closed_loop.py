@@ -104,7 +104,7 @@ class _Control(NamedTuple):
     work: FloatArray
     law: Any
     limbs: Any
-    stiffness: float
+    stiffness: FloatArray
     zero: FloatArray
     current_limit: float
     fade: float
@@ -168,7 +168,7 @@ def _run(
         for i in range(n):
             limb = control.limbs[i]
             elongation[i] += follow_backlash(limb, elongation[i])
-            estimate = control.stiffness * elongation[i]
+            estimate = control.stiffness[i] * elongation[i]
             record.estimate[k, i] = estimate
             limb["reference"] = limb["tension_gain"] * (command[i] - estimate)
             limb["position"] = elongation[i]
@@ -236,7 +236,7 @@ def simulate(
     )
     wrong = mismatch or Mismatch(plant.geometry(rig.geometry), np.eye(6))
     limbs = _limbs_at(rig, plant, start_tension, structure_matrix(wrong.geometry, *pose))
-    zero = limbs.state["motor_position"] - start_tension / rig.limbs.stiffness
+    zero = limbs.state["motor_position"] - start_tension / rig.springs.nominal
     control = _control(rig, structure_matrix(rig.geometry, *pose), zero)
     platform = make_platform(vibration, PERIOD_S / plant.substeps)
     sensors = _sensors(card, plant, samples, seed, wrong.sensor)
@@ -297,7 +297,7 @@ def _control(rig: Rig, matrix: FloatArray, zero: FloatArray) -> _Control:
         work,
         wrench_law_work(rig.gains.proportional, rig.gains.integral, n),
         limbs,
-        rig.limbs.stiffness,
+        rig.springs.nominal,
         zero,
         rig.control.current_limit,
         rig.control.tension_fade,

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from cabols_control.checks import finite_array, in_range
+from cabols_control.checks import finite_array, in_range, one_or_each
 from cabols_control.configuration import STRICT, beside, load_config
 from cabols_control.errors import ConfigError
 from cabols_control.frames import load_frames
 from cabols_control.geometry import RigGeometry, load_geometry
+from cabols_control.kinematics import cable_lengths
 from cabols_control.rig import LimbsConfig
 from cabols_control.rig_folder import RigFolder, find_rig
 from cabols_hw.force_torque.ati import STANDARD_GRAVITY
@@ -31,14 +32,15 @@ class LimbPlantConfig:
         viscous_current: current per speed beyond what k already contains [A s/m].
         load_current: current that holds 1 N of cable tension through the gear [A/N].
         backlash: gear backlash, at the cable [m].
-        spring_stiffness: [N/m]; 0 stands for a limb without a spring.
+        spring_stiffness: one for all limbs or one for each [N/m]; 0 stands for a limb without a
+            spring.
         spring_initial_tension: below it the spring's coils touch [N].
         spring_end_tension: at which the spring ends; beyond it only the cable stretches [N]. 0: it
             never ends.
         break_tension: at which a cable parts [N]; 0: it never does.
         self_locking: whether the gear lets no pull turn the motor.
         cable_compliance_fixed: of knots and pulley mounts [m/N].
-        cable_compliance_per_metre: of the cable itself [1/N].
+        cable_compliance_per_metre: of the cable itself, one for all or one for each [1/N].
         initial_slack: of every cable at power-up [m].
         slack_spread: uniformly drawn addition to it [m].
     """
@@ -49,13 +51,13 @@ class LimbPlantConfig:
     viscous_current: float = 0.02
     load_current: float = 0.0002
     backlash: float = 0.0002
-    spring_stiffness: float = 2768.0
+    spring_stiffness: float | list[float] = 2768.0
     spring_initial_tension: float = 0.5
     spring_end_tension: float = 0.0
     break_tension: float = 0.0
     self_locking: bool = False
     cable_compliance_fixed: float = 0.0
-    cable_compliance_per_metre: float = 6.55e-5
+    cable_compliance_per_metre: float | list[float] = 6.55e-5
     initial_slack: float = 0.004
     slack_spread: float = 0.003
 
@@ -83,13 +85,15 @@ class LimbPlantConfig:
             "initial_slack",
             "slack_spread",
         ):
-            in_range(name, getattr(self, name), 0.0, 1e7)
-        in_range(
-            "cable_compliance_fixed + cable_compliance_per_metre",
-            self.cable_compliance_fixed + self.cable_compliance_per_metre,
-            1e-9,
-            1.0,
-        )
+            for value in one_or_each(name, getattr(self, name), len(self.gain)):
+                in_range(name, float(value), 0.0, 1e7)
+        for value in one_or_each("", self.cable_compliance_per_metre, len(self.gain)):
+            in_range(
+                "cable_compliance_fixed + cable_compliance_per_metre",
+                self.cable_compliance_fixed + float(value),
+                1e-9,
+                1.0,
+            )
 
     def require_limbs(self, cables: int) -> None:
         """Refuse parameters of another number of limbs than a rig has cables.
@@ -118,9 +122,10 @@ class LimbPlantConfig:
             "cable_compliance_per_metre",
         ):
             records[name] = getattr(self, name)
-        if self.spring_stiffness > 0.0:
-            records["spring_compliance"] = 1.0 / self.spring_stiffness
-            records["spring_initial_tension"] = self.spring_initial_tension
+        springs = one_or_each("spring_stiffness", self.spring_stiffness, len(self.gain))
+        fitted = springs > 0.0
+        records["spring_compliance"][fitted] = 1.0 / springs[fitted]
+        records["spring_initial_tension"][fitted] = self.spring_initial_tension
         records["spring_end_tension"] = self.spring_end_tension or np.inf
         records["self_locking"] = self.self_locking
         return records
@@ -240,11 +245,25 @@ class PlantConfig:
         return replace(self, limbs=replace(self.limbs, spring_stiffness=0.0))
 
 
+def _springs(limbs: LimbsConfig, geometry: RigGeometry) -> dict[str, list[float]]:
+    """Springs and cables that have the k_e of limbs.yaml at the reference pose."""
+    pose = geometry.reference_position, geometry.reference_rotation
+    length = cable_lengths(geometry, *pose)
+    springs = limbs.springs(length)
+    per_metre = springs.per_metre
+    if limbs.axial_stiffness is None:
+        usual = LimbPlantConfig(limbs.gain, limbs.time_constant).cable_compliance_per_metre
+        per_metre = np.minimum(np.asarray(usual), 0.5 / (springs.nominal * length))
+    spring = 1.0 / np.maximum(1.0 / springs.nominal - per_metre * length, 1e-9)
+    return {"spring_stiffness": spring.tolist(), "cable_compliance_per_metre": per_metre.tolist()}
+
+
 def load_plant(rig: str | Path | RigFolder = "", path: str | Path | None = None) -> PlantConfig:
     """Read the physics of a simulated rig.
 
     Motors, switches and tool are as the rig's limbs.yaml and frames.yaml say, unless the file gives
-    other, true numbers.
+    other, true numbers. So are springs and cables where limbs.yaml tells them apart: a k_e of each
+    limb, or the cables' axial stiffness.
 
     Args:
         rig: name or folder, see find_rig; empty: the reference bench.
@@ -255,7 +274,7 @@ def load_plant(rig: str | Path | RigFolder = "", path: str | Path | None = None)
     """
     folder = find_rig(rig)
     limbs, frames = load_config(LimbsConfig, folder.file("limbs.yaml")), load_frames(folder)
-    defaults = {
+    defaults: dict[str, dict[str, Any]] = {
         "limbs": {"gain": limbs.gain, "time_constant": limbs.time_constant},
         "sensors": {
             "tool_weight": STANDARD_GRAVITY * frames.tool_mass,
@@ -263,6 +282,8 @@ def load_plant(rig: str | Path | RigFolder = "", path: str | Path | None = None)
             "switch_tension": limbs.switch_tension,
         },
     }
+    if isinstance(limbs.stiffness, list) or limbs.axial_stiffness is not None:
+        defaults["limbs"] |= _springs(limbs, load_geometry(folder.file("geometry.yaml")))
     file = Path(path) if path else folder.optional("plant.yaml")
     if file is None:
         return PlantConfig(**defaults)  # type: ignore[arg-type]

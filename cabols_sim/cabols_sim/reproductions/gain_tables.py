@@ -35,7 +35,7 @@ def reproduce_gains() -> ReportSection:
     k_p1 = np.array([g.velocity for g in gains.limbs]) * 1e-3
     k_p2 = np.array([g.tension for g in gains.limbs]) * 1e3
     rows, errata = _compare(k_i, k_p1)
-    implied = PRINTED_K_P2**-1 * k_p2[0] * bench().rig.limbs.stiffness * 1e-3
+    implied = PRINTED_K_P2**-1 * k_p2[0] * float(bench().rig.springs.nominal[0]) * 1e-3
     errata.append(
         f"k_P2: printed {PRINTED_K_P2}, computed {k_p2[0]:.4f}; printed belongs to "
         f"k_e = {implied:.2f} N/mm"

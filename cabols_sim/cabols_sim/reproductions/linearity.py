@@ -36,7 +36,7 @@ def sampled_loop(samples: int) -> FloatArray:
     """
     setup = bench()
     gains, model = setup.rig.gains, setup.rig.limbs.models[0]
-    limb, k_e = gains.limbs[0], setup.rig.limbs.stiffness
+    limb, k_e = gains.limbs[0], float(setup.rig.springs.nominal[0])
     plant = ([model.gain], [model.time_constant, 1.0, 0.0])
     numerator, denominator, _ = signal.cont2discrete(plant, PERIOD_S)
     held = numerator[0][1:]

@@ -232,7 +232,7 @@ def draw_loops(rigs: Mapping[str, Rig]) -> Figure:
     grid = figure.subplots(2, 2, sharex=True)
     s = np.multiply(1j, FREQUENCIES)
     for colour, (name, rig) in zip(PAIR, rigs.items(), strict=False):
-        model, stiffness = rig.limbs.models[0], rig.limbs.stiffness
+        model, stiffness = rig.limbs.models[0], float(rig.springs.nominal[0])
         outer = wrench_loop(rig.gains, model, stiffness, s, LOOP_DELAY_S)
         inner = limb_loop(model, rig.gains.limbs[0], stiffness, s) * np.exp(-s * LOOP_DELAY_S)
         for column, loop in ((0, outer), (1, inner)):

@@ -130,7 +130,7 @@ def search(
 
 def _lacking_margins(rig: Rig) -> float:
     """By how much the limb loops miss their margins, as shares of them."""
-    inner = design_margins(rig.gains, rig.limbs.models, rig.limbs.stiffness, LOOP_DELAY_S)[1]
+    inner = design_margins(rig.gains, rig.limbs.models, rig.springs.nominal, LOOP_DELAY_S)[1]
     gain = min(margin.gain for margin in inner) / GAIN_MARGIN_MIN
     phase = min(margin.phase for margin in inner) / np.radians(PHASE_MARGIN_MIN_DEG)
     return float(max(1.0 - gain, 0.0) + max(1.0 - phase, 0.0))

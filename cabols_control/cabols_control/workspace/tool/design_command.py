@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,22 +54,6 @@ class Choices(NamedTuple):
     required: WrenchSet
     bodies: Bodies | None
     grid: PoseGrid
-
-
-def add_design(parser: argparse.ArgumentParser) -> None:
-    """Options of the subcommand."""
-    parser.add_argument(
-        "--patterns",
-        nargs="+",
-        choices=[*PATTERNS, GIVEN],
-        help="families of rigs (default: of another robot than the bench, given, which stretches "
-        "and turns its own points; of the bench, the three of its own)",
-    )
-    parser.add_argument("--tilt", type=float, default=15.0, help="+- about each axis [deg]")
-    parser.add_argument("--generations", type=int, default=80, help="of differential evolution")
-    parser.add_argument("--population", type=int, default=48, help="rigs in a generation")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.set_defaults(output=Path("build/design"))
 
 
 def optimise(problem: DesignProblem, pool: Workers, options: argparse.Namespace) -> OptimizeResult:

@@ -23,32 +23,6 @@ from . import files
 WRITERS = {"caspr": write_caspr, "cdpyr": write_cdpyr}
 
 
-def add_import(parser: argparse.ArgumentParser) -> None:
-    """Options of `workspace import`.
-
-    Args:
-        parser: of the subcommand.
-    """
-    parser.add_argument(
-        "files",
-        nargs="+",
-        type=Path,
-        help="CASPR: NAME_bodies.xml NAME_cables.xml; cdpyr: one .json or .yaml",
-    )
-    parser.add_argument("--cable-set", default="", help="of CASPR's file (default: its own)")
-    parser.add_argument("--output", type=Path, default=Path("robot.yaml"), help="robot file")
-
-
-def add_export(parser: argparse.ArgumentParser) -> None:
-    """Options of `workspace export` beside those of a rig.
-
-    Args:
-        parser: of the subcommand.
-    """
-    parser.add_argument("--format", choices=sorted(WRITERS), required=True)
-    parser.add_argument("--name", default="robot", help="of the files")
-
-
 def run_import(options: argparse.Namespace) -> None:
     """Read another program's files, write a robot file.
 

@@ -20,12 +20,6 @@ COLUMNS = ("cable", "share", "closed")
 BOX = (40.0, 40.0, 40.0, 4.0, 4.0, 4.0)
 
 
-def add_loss(parser: argparse.ArgumentParser) -> None:
-    """Options of the subcommand."""
-    parser.add_argument("--count", type=int, default=20_000, help="wrenches drawn from the box")
-    parser.add_argument("--seed", type=int, default=0, help="of the draw")
-
-
 def run_loss(options: argparse.Namespace, robot: Robot) -> None:
     """Print and write the share of the wrenches of a box that remains without each cable.
 

@@ -22,24 +22,8 @@ from cabols_control.workspace.wrench_set import WrenchSet
 from . import files
 
 COLUMNS = (*files.POSE_COLUMNS, "moved_mm", "turned_mrad", "least_n_per_m", "tension_max_n")
-LEAST_POSITIONS = 5
 HELD_N = 7.0
 """Least tension of the cables without a load."""
-
-
-def add_stiffness(parser: argparse.ArgumentParser) -> None:
-    """Options of the subcommand."""
-    parser.add_argument(
-        "--spring", type=float, nargs="+", help="k_e, one or one a cable [N/m] (default: the rig's)"
-    )
-    parser.add_argument(
-        "--axial", type=float, default=inf, help="EA of the cables [N] (default: no stretch)"
-    )
-    parser.add_argument(
-        "--counts", type=int, nargs=3, default=[LEAST_POSITIONS] * 3, metavar=("NX", "NY", "NZ")
-    )
-    parser.add_argument("--half-widths", type=float, nargs=3, metavar=("X", "Y", "Z"))
-    parser.add_argument("--tilt", type=float, default=0.0, help="+- about each axis [deg]")
 
 
 def run_stiffness(
@@ -94,7 +78,7 @@ def _own(options: argparse.Namespace, robot: Robot) -> FloatArray:
     """Stiffness of the rig's limbs."""
     if not robot.own_bodies:
         raise CabolsError("--spring: expected k_e of this robot's limbs [N/m], got none")
-    return np.array([load_rig(options.rig).limbs.stiffness])
+    return load_rig(options.rig).springs.nominal
 
 
 def _loads(required: WrenchSet, rotation: FloatArray, platform_axes: bool) -> FloatArray:

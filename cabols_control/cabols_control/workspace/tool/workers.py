@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from itertools import islice
 from typing import Any
 
 from cabols_control.errors import CabolsError
@@ -17,11 +18,14 @@ from cabols_control.workspace.grid import (
     WorkspaceMap,
     assemble,
     evaluate_piece,
+    piece_of,
     pieces_of,
 )
 
 INLINE, LOCAL = "inline", "local"
 CONNECT_TIMEOUT_S = 10
+AHEAD = 3
+"""Pieces for each worker that are asked for and not yet taken."""
 QUIET = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
 """Of a local scheduler: no dashboard, and its HTTP server on any free port of this machine."""
 Progress = Callable[[int, int], None]
@@ -76,6 +80,48 @@ class Workers:
         else:
             self._gather(parts, positions, (task, bodies, rotations), done, progress)
         return assemble(grid, [piece for piece in done if piece is not None], free_above)
+
+    def stream(
+        self,
+        grid: PoseGrid,
+        task: CapacityTask,
+        bodies: InterferenceTask | None,
+        wanted: Iterable[int],
+    ) -> Iterator[tuple[int, Piece]]:
+        """Evaluate some pieces of a grid, as they come; memory does not grow with the grid.
+
+        Args:
+            grid: poses.
+            task: rig, limits and required wrenches.
+            bodies: for the interference test; None leaves it out.
+            wanted: numbers of the pieces, from 0.
+
+        Yields:
+            Number and results of a piece; the same bits for any number of workers.
+        """
+        rotations = grid.rotations
+        if self._client is None:
+            for k in wanted:
+                positions = grid.positions_of(piece_of(grid, k))
+                yield k, evaluate_piece(task, bodies, positions, rotations)
+            return
+        as_completed: Any = import_module("distributed").as_completed
+        waiting, numbers = iter(wanted), {}
+
+        def submit(k: int) -> Any:
+            positions = grid.positions_of(piece_of(grid, k))
+            future = self._client.submit(
+                evaluate_piece, task, bodies, positions, rotations, pure=False
+            )
+            numbers[future.key] = k
+            return future
+
+        running = as_completed([submit(k) for k in islice(waiting, AHEAD * self.count)])
+        for future in running:
+            yield numbers.pop(future.key), future.result()
+            future.release()
+            for k in islice(waiting, 1):
+                running.add(submit(k))
 
     def map(self, function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
         """Apply a function that can be pickled to many items, in order."""

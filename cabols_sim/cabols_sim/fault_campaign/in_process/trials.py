@@ -169,7 +169,7 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
             end_s = min(end_s, found_s + AFTER_S)
     times, tension, wrenches, way = (np.array(column) for column in zip(*rows, strict=True))
     lengthened = np.cumsum(np.maximum(np.diff(way, axis=0, prepend=way[:1]), 0.0), axis=0)
-    by_robot = float(rig.rig.limbs.stiffness) * lengthened
+    by_robot = rig.rig.springs.nominal * lengthened
     change = wrenches - wrench
     fault = rig.guard.fault
     return {
@@ -203,7 +203,7 @@ def _driven(rig: LockstepRig) -> dict[int, float]:
         if offset >= FULL_A:
             gain = float(np.asarray(limbs.gain)[limb])
             current = offset + max(float(rig.plant.current[limb]), 0.0)
-            added = DRIVE_MARGIN * limbs.stiffness * gain * current * OFF_S
+            added = DRIVE_MARGIN * float(rig.rig.springs.nominal[limb]) * gain * current * OFF_S
             found[limb] = float(rig.plant.tension[limb]) + added
     return found
 
