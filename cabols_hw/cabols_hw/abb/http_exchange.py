@@ -134,6 +134,23 @@ class _TimedReads(io.RawIOBase):
         return io.BufferedReader(self)
 
 
+def _connected(address: HttpAddress, deadline: Deadline) -> socket.socket:
+    """Connect to the first address of a name that answers; they share the time that is left."""
+    found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM)
+    refusal: OSError = ConnectionRefusedError("no address")
+    for number, (family, kind, protocol, _, where) in enumerate(found):
+        link = socket.socket(family, kind, protocol)
+        try:
+            link.settimeout(deadline.require() / (len(found) - number))
+            link.connect(where)
+        except OSError as error:
+            link.close()
+            refusal = error
+        else:
+            return link
+    raise refusal
+
+
 class HttpConnection:
     """A connection that is kept open between exchanges; one exchange at a time.
 
@@ -206,7 +223,7 @@ class HttpConnection:
 
     def _open(self, deadline: Deadline) -> socket.socket:
         address = self._address
-        link = socket.create_connection((address.host, address.port), deadline.require())
+        link = _connected(address, deadline)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if address.scheme == "https":
             link = self._encrypted(link, deadline)
