@@ -1,8 +1,12 @@
 """Whose reports the supervisor believes when two processes speak in one node's name."""
 
+import numpy as np
 import pytest
 
-from cabols_control.supervision.senders import NODES, SenderFollower, draw_instance
+from cabols_control.supervision.faults import Fault, FaultName
+from cabols_control.supervision.modes import OperatingMode
+from cabols_control.supervision.senders import NODES, SenderFollower, draw_instance, make_room
+from cabols_control.supervision.supervisor import SENDERS, Supervision, SupervisionConfig
 
 SILENT_S = 1.5
 
@@ -46,3 +50,23 @@ def test_no_two_processes_draw_one_number():
     drawn = {draw_instance() for _ in range(1000)}
     assert len(drawn) == 1000
     assert 0 not in drawn
+
+
+def test_notes_of_the_rigs_own_nodes_survive_a_flood_of_names():
+    notes: dict[str, int] = {}
+    for name in ("plant", "supervisor", *(f"stranger_{k}" for k in range(10 * NODES)), "console"):
+        make_room(notes, name)
+        notes[name] = 1
+    assert len(notes) == NODES
+    assert {"plant", "supervisor", "console"} <= set(notes)
+
+
+def test_a_node_that_has_said_that_it_ends_and_is_gone_blocks_no_motion_for_ever():
+    core = Supervision(SupervisionConfig(controllers=(), bridges=()))
+    core.hear_state(10.0, np.zeros(8, dtype=bool), zeroing=0, followed=0)
+    for k in range(10 * NODES):
+        core.hear_notice(f"stranger_{k}", Fault(FaultName.ENDING, "asked to end"))
+    assert len(core._leaving) <= SENDERS
+    assert not core.request(OperatingMode.FREE_MOVING, 10.05).allowed
+    core.hear_state(20.0, np.zeros(8, dtype=bool), zeroing=0, followed=0)
+    assert core.request(OperatingMode.FREE_MOVING, 20.05).allowed

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import time
 
 import pytest
 from cabols_msgs.msg import Mode, MotorCurrent
 
+from cabols_control.rig import load_rig
 from cabols_control.ros.layout import Layout
 from cabols_control.ros.roles import GHOST_S, Publisher, Seconds
-from cabols_control.ros.sessions import ModeFilter, same_session
+from cabols_control.ros.sessions import ModeFilter, ModeInput, living, same_session
+from cabols_control.ros.topics import mode_layout, pose_layout
+from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.supervision.session import LOST_S, SILENT_S, YOUNG_S, SessionFollower
 
 OLD, PRESENT, LATER = 100, 200, 300
@@ -99,3 +103,63 @@ def test_controllers_of_some_limbs_each_are_none():
     parts = [publisher(f"limb_controller_{k}", k, "motor_current") for k in (1, 2)]
     assert Seconds().look(parts, 0.0) == ""
     assert Seconds().look([*parts, publisher("other", 3, "motor_current")], 0.0)
+
+
+NOW_NS = 5_000_000_000_000
+
+
+@pytest.fixture
+def judge():
+    """The judge of a bridge's input of modes: it follows PRESENT, its newest sample is NOW_NS."""
+    sessions = SessionFollower()
+    assert sessions.admit(PRESENT, time.monotonic())
+    found = ModeInput.__new__(ModeInput)
+    found._layout = layout = mode_layout()
+    found._sessions, found._strict, found._on_session = sessions, True, None
+    found._clock_ns = lambda: NOW_NS
+    found._mode_at, found._session_at = layout.offset_of("mode"), layout.offset_of("session")
+    return found
+
+
+def told(mode, off_s, session=PRESENT):
+    message = mode_layout().record()
+    message["mode"][0], message["session"][0] = mode, session
+    message.stamp(NOW_NS + round(1e9 * off_s))
+    return mode_layout().laid_out(message.raw())
+
+
+@pytest.mark.parametrize("mode", MOVING)
+@pytest.mark.parametrize("off_s", [-3600.0, -2.1, 2.1, 3600.0])
+def test_a_bag_of_the_very_session_moves_nothing_while_it_lasts(judge, mode, off_s):
+    """A test is recorded, and looked at by playing it beside the rig, which still runs."""
+    assert judge._judge(told(mode, 0.01))
+    assert not judge._judge(told(mode, off_s))
+    assert judge._sessions.dropped == 1
+    assert judge._sessions.session == PRESENT
+
+
+@pytest.mark.parametrize("mode", [OperatingMode.STOPPED, OperatingMode.FAULT])
+def test_a_mode_that_stops_is_obeyed_whatever_its_stamp(judge, mode):
+    assert judge._judge(told(mode, -3600.0))
+
+
+def test_poses_of_a_played_bag_are_dropped_while_the_robots_come(monkeypatch):
+    layout, sessions = pose_layout(load_rig("").geometry), SessionFollower()
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    judge = living(layout, sessions, lockstep=False)
+
+    def pose(stamp_s):
+        message = layout.record()
+        message.stamp(round(1e9 * stamp_s))
+        return layout.laid_out(message.raw())
+
+    for k in range(5):
+        now[0] += 0.004
+        assert judge(pose(1000.0 + 0.004 * k))
+        assert not judge(pose(400.0 + 0.004 * k))
+    assert sessions.dropped == 5
+    # Late or out of order is no other stream's; and a silent one may be followed by another clock.
+    assert judge(pose(999.9))
+    now[0] += 0.2
+    assert judge(pose(400.0))

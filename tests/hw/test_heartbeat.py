@@ -11,6 +11,7 @@ import pytest
 
 from abb_harness import quiet_port, running_controller, wait_until
 from cabols_control.supervision.modes import OperatingMode
+from cabols_control.supervision.senders import NODES
 from cabols_hw.abb.heartbeat import BEAT, MODE_AGE_S, STATE_AGE_S, Heartbeat, RigHealth
 from cabols_hw.abb.speed_limit import FREE_N, allowed_speed
 from cabols_hw.safety.config import load_safety
@@ -178,3 +179,13 @@ def test_allowed_speed_falls_with_braking_stiffness_and_range(allowed, rig, card
     stiff = replace(rig, limbs=replace(rig.limbs, stiffness=2.0 * rig.limbs.stiffness))
     assert allowed(rig=stiff) < allowed()
     assert allowed(sensor=np.full(6, 1.0)) < 0.001
+
+
+def test_a_flood_of_faults_does_not_grow_what_the_robots_watch_keeps():
+    health = RigHealth()
+    health.hear_state(1.0)
+    health.hear_mode(1.0, OperatingMode.LOADING)
+    for k in range(10 * NODES):
+        health.hear_report(1.0, f"stranger_{k}", True)
+    assert len(health._faults) <= NODES
+    assert health.trouble(1.0)

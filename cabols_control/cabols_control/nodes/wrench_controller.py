@@ -19,7 +19,7 @@ from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_robot, declare_row
 from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.sessions import ModeInput, same_session
+from cabols_control.ros.sessions import ModeInput, living, same_session
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
@@ -69,6 +69,7 @@ class WrenchControllerNode(ControlNode):
         self._tension_setpoint.awaited = False
         pose = topics.pose_layout(geometry)
         self._pose = Input(self, "platform_pose", pose, lockstep, every=2)
+        self._pose.judge = living(pose, sessions, lockstep)
         # A robot reports at its own rate, so that even in lockstep its newest pose is used.
         robot = declare_robot(self)
         self._pose.awaited = self._wrench_setpoint.awaited = not robot

@@ -12,11 +12,14 @@ from rclpy.node import Node
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout
 from cabols_control.ros.loop import Input
-from cabols_control.supervision.modes import Cause, OperatingMode
-from cabols_control.supervision.session import SessionFollower
+from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
+from cabols_control.supervision.session import STAMP_S, SessionFollower
 
 SESSION = struct.Struct("<Q")
 MODES = frozenset(int(mode) for mode in OperatingMode)
+BEHIND_NS, ALIVE_S = 500_000_000, 0.1
+"""What is so far behind a stream that is so young is none of its messages: a played bag's."""
+MOVES = frozenset(int(mode) for mode in MOVING)
 CAUSES = frozenset(int(cause) for cause in Cause)
 
 
@@ -59,13 +62,17 @@ class ModeInput(Input):
             sessions.dropped += 1
             return False
         session, before = SESSION.unpack_from(laid_out, self._session_at)[0], sessions.session
-        if session == before and not (self._strict and session == 0):
-            sessions.hear(time.monotonic())
-            return True
         off_s = 0.0
         if self._clock_ns is not None:
             stamp_ns = self._layout.stamp_of(laid_out)
             off_s = 1e-9 * (stamp_ns - self._clock_ns()) if stamp_ns else float("nan")
+        if session == before and not (self._strict and session == 0):
+            # A bag of this very session, played while it lasts; one that stops may come late.
+            if laid_out[self._mode_at] in MOVES and not abs(off_s) <= STAMP_S:
+                sessions.dropped += 1
+                return False
+            sessions.hear(time.monotonic())
+            return True
         if not sessions.admit(session, time.monotonic(), off_s):
             return False
         if self._on_session is not None:
@@ -114,5 +121,34 @@ def same_session(
             return True
         sessions.dropped += 1
         return False
+
+    return judge
+
+
+def living(
+    layout: Layout, sessions: SessionFollower, lockstep: bool
+) -> Callable[[bytes], bool] | None:
+    """Return a judge for Input: whether a message without a session is of the stream that lives.
+
+    A played bag's stamps are behind it, whatever clock both are of. Where the stream has fallen
+    silent, and its reader given up, any other one may follow.
+
+    Args:
+        layout: of the message.
+        sessions: of the node that reads it, where what is dropped is counted.
+        lockstep: whether the graph's clock waits for each message: then none is dropped.
+    """
+    if lockstep:
+        return None
+    newest_ns, heard_s = 0, float("-inf")
+
+    def judge(laid_out: bytes) -> bool:
+        nonlocal newest_ns, heard_s
+        stamp_ns, now_s = layout.stamp_of(laid_out), time.monotonic()
+        if stamp_ns < newest_ns - BEHIND_NS and now_s - heard_s <= ALIVE_S:
+            sessions.dropped += 1
+            return False
+        newest_ns, heard_s = stamp_ns, now_s
+        return True
 
     return judge

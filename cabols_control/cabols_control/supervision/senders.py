@@ -9,11 +9,24 @@ refused, a played bag's. They must neither end this rig nor vouch for a node tha
 from __future__ import annotations
 
 import secrets
+from typing import Any
 
 LOCKSTEP_INSTANCE = 1
 """Instance of every process in lockstep, where equal runs send equal bytes."""
 NODES = 64
 """Senders are kept of this many nodes; a rig has about a dozen."""
+
+
+def make_room(notes: dict[str, Any], node: str) -> None:
+    """Keep a dictionary of nodes' notes bounded, whatever names strangers send.
+
+    Args:
+        notes: by node.
+        node: whose note is to be added. Of too many nodes the one that was new last goes: the rig's
+            own are there before.
+    """
+    if node not in notes and len(notes) >= NODES:
+        notes.popitem()
 
 
 def draw_instance() -> int:

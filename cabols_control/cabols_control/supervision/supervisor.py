@@ -82,7 +82,7 @@ class Supervision:
         self._untared: dict[str, str] = {}
         self._unchecked: dict[str, str] = {}
         self._unheld: dict[str, str] = {}
-        self._leaving: dict[str, str] = {}
+        self._leaving: dict[str, tuple[str, float]] = {}
         self._recorded_s = np.inf
         self._complaints: dict[str, tuple[Fault, float]] = {}
         self._platform: FloatArray | None = None
@@ -154,6 +154,7 @@ class Supervision:
     def _start_anew(self, stamp_s: float, fault: Fault) -> None:
         """Drop the times of a clock that was set back; no motion continues."""
         self._reports.clear()
+        self._leaving.clear()
         self._first_s = self._entered_s = stamp_s
         self._platform = None
         if self.mode in MOVING:
@@ -220,7 +221,7 @@ class Supervision:
             else:
                 notes.pop(node, None)
         if notice is not None and notice.name in ORDERLY_END:
-            self._leaving[node] = notice.reason
+            self._note(self._leaving, node, (notice.reason, self._newest_s))
             self.abandon(f"{node}: {notice.reason}")
         else:
             self._leaving.pop(node, None)
@@ -271,6 +272,11 @@ class Supervision:
                 del self._complaints[node]
         return {node: fault for node, (fault, _) in self._complaints.items()}
 
+    def _still_leaving(self, now_s: float) -> dict[str, str]:
+        """Why nodes end that still say so; one that has ended is missed by its silence."""
+        oldest = now_s - COMPLAINT_PERIODS * self._config.report_timeout_s
+        return {node: why for node, (why, heard_s) in self._leaving.items() if heard_s >= oldest}
+
     def _relieves(self, stamp_s: float) -> bool:
         """Whether FREE_MOVING takes off an overload that was found at stamp_s.
 
@@ -306,7 +312,7 @@ class Supervision:
         if requested in MOVING:
             for node, reason in self._unheld.items():
                 return Verdict(ResultCode.FAULT_REPORTED, f"{node}: {reason}", FaultName.NOT_HELD)
-            for node, reason in self._leaving.items():
+            for node, reason in self._still_leaving(now_s).items():
                 return Verdict(ResultCode.NOT_READY, f"{node}: {reason}")
             # A node with a fault does not count as running: its fault is the better answer.
             for node, complaint in self._present_complaints(now_s).items():

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from cabols_control.supervision.modes import OperatingMode
+from cabols_control.supervision.senders import make_room
 
 BEAT = b"C"
 PERIOD_S = 0.02
@@ -69,6 +70,7 @@ class RigHealth:
             fault: whether it is in FAULT.
         """
         if fault:
+            make_room(self._faults, node)
             self._faults[node] = now_s
         else:
             self._faults.pop(node, None)

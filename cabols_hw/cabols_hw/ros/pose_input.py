@@ -9,7 +9,7 @@ from cabols_control.pose_track import pose_time
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, Input
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.sessions import same_session
+from cabols_control.ros.sessions import living, same_session
 from cabols_control.rotations import read_pose
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety.guard import BridgeGuard
@@ -32,12 +32,14 @@ class PoseInput(Input):
         """
         layout = topics.pose_layout(node.rig.geometry)
         super().__init__(node, "platform_pose", layout, node.lockstep)
+        self.judge = living(layout, node.status.sessions, node.lockstep)
         self._bridge, self._guard = bridge, guard
         self.used = False
         paths = topics.path_motion_layout(node.rig.geometry)
         self._paths = Input(node, "path_motion", paths, node.lockstep)
         # Also in lockstep: a robot has its own pace, and a path of another session moves nothing.
         self._paths.judge = same_session(paths, node.status.sessions, lockstep=False)
+        self._newest_path = (0, 0)
         self._turns = 0
         # Compile or load it now: a control loop does not wait for a compiler.
         read_pose(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
@@ -49,7 +51,10 @@ class PoseInput(Input):
         self._turns += 1
         if self._turns % SLOW_INPUT == 0 and self._paths.take():
             path = self._paths.record
-            if path["active"]:
+            newest = int(path["session"]), self._paths.stamp_ns
+            # A bag of this session, played while it lasts, allows no speed once more.
+            if path["active"] and newest > self._newest_path:
+                self._newest_path = newest
                 speeds = float(path["speed"]), float(path["rotation_speed"])
                 self._guard.safety.allow_path(now_s, *speeds)
 

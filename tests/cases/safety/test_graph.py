@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from cabols_msgs.action import MoveToConfiguration
 from cabols_msgs.msg import Mode
 from cabols_msgs.srv import SetMode
 from rclpy.action import ActionClient
+from std_srvs.srv import Trigger
 
 from cabols_control.bringup.processes import executable_path
 from graph_harness import run_scenario
@@ -105,7 +107,8 @@ def test_second_supervisor_changes_no_mode():
     assert set(followed) == {Mode.LOADING}
 
 
-def test_robot_stops_when_its_bridge_is_killed_on_the_way():
+@pytest.mark.parametrize("victim", ["abb_tracker_bridge", "supervisor", "limb_controller"])
+def test_robot_stops_when_a_process_is_killed_on_the_way(victim):
     def scenario(watcher, pids):
         running(watcher)
         # Zeros first: without them no limb state knows a tension, and nothing could be judged.
@@ -123,7 +126,7 @@ def test_robot_stops_when_its_bridge_is_killed_on_the_way():
         sent = client.send_goal_async(MoveToConfiguration.Goal(index=2))
         watcher.wait(sent.done, "the motion")
         more_states(watcher, 1200)
-        os.kill(pids["abb_tracker_bridge"], signal.SIGKILL)
+        os.kill(pids[victim], signal.SIGKILL)
         more_states(watcher, 5000)
 
     values = {"robot": True, "watchdog": 0.1, "command_timeout": 0.1, "stale_after": 0.2}
@@ -131,6 +134,67 @@ def test_robot_stops_when_its_bridge_is_killed_on_the_way():
     tensions = [max(m.tension) for m in watcher.seen["limb_state"] if all(m.zeroed)]
     assert len(tensions) > 5000
     assert max(tensions) <= BOUND_N
+    assert not any(watcher.seen["limb_state"][-1].current)
+
+
+PLAYED = ("mode", "motor_current", "tension_command", "wrench", "loop_status", "limb_state")
+
+
+def play(watcher, recorded, pace):
+    """Publish recorded messages in the order in which they came, so many between two pauses."""
+    outputs = {topic: watcher.publisher(topic) for topic in PLAYED}
+    for number, (_, topic, message) in enumerate(recorded):
+        outputs[topic].publish(message)
+        if number % pace == 0:
+            time.sleep(0.001)
+
+
+def test_a_bag_of_this_very_session_that_is_played_moves_nothing():
+    """A test is recorded, then looked at by playing it: the rig's nodes hear every topic of it."""
+    found = {}
+
+    def ask(watcher, mode):
+        return watcher.call(SetMode, "set_mode", SetMode.Request(mode=mode)).success
+
+    def scenario(watcher, pids):
+        loading(watcher)
+        more_states(watcher, 600)
+        recorded = sorted(
+            (
+                (came_s, topic, message)
+                for topic in PLAYED
+                for came_s, message in zip(watcher.came_s[topic], watcher.seen[topic], strict=False)
+            ),
+            key=lambda row: row[0],
+        )[-4000:]
+        modes = {m.mode for _, topic, m in recorded if topic == "mode"}
+        assert Mode.LOADING in modes
+        watcher.wait(lambda: ask(watcher, Mode.STOPPED), "UNLOADING")
+        watcher.wait(lambda: watcher.modes()[-1] == Mode.STOPPED, "STOPPED")
+        more_states(watcher, 2500)
+        wound = np.array(watcher.seen["limb_state"][-1].wound_length)
+        newest = watcher.seen["limb_state"][-1].sequence
+        play(watcher, recorded, 2)
+        live = [m for m in list(watcher.seen["limb_state"]) if m.sequence > newest]
+        found["current"] = max(max(np.abs(m.current)) for m in live)
+        found["modes"] = {m.mode for m in live}
+        found["way"] = np.abs(np.array(live[-1].wound_length) - wound).max()
+        said = [m for m in watcher.seen["loop_status"] if m.dropped]
+        found["dropped"] = {m.node for m in said}
+        watcher.wait(
+            lambda: any("2 publishers" in m.reason for m in watcher.seen["loop_status"]),
+            "the second publishers' names",
+        )
+        # What ends at the latest with the bag: the rig is as before.
+        watcher.call(Trigger, "reset", Trigger.Request())
+        watcher.wait(lambda: ask(watcher, Mode.PRETIGHTENING), "PRETIGHTENING granted")
+
+    patience = {"watchdog": 0.1, "command_timeout": 0.1, "stale_after": 0.2}
+    run_scenario({**LOADED, **patience}, scenario, (*WATCHED, "tension_command"))
+    assert found["current"] == 0.0
+    assert found["modes"] <= {Mode.STOPPED, Mode.FAULT}
+    assert found["way"] < 1e-4
+    assert {"plant", "limb_controller"} <= found["dropped"]
 
 
 def test_ctrl_c_under_load_leads_through_unloading():

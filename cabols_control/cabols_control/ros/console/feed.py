@@ -40,6 +40,7 @@ from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import fault_name
 from cabols_control.supervision.held_load import held_text
 from cabols_control.supervision.modes import Cause, Entry, OperatingMode
+from cabols_control.supervision.senders import make_room
 
 STALE_S = 0.5
 """Longest age of a value that is shown [s]."""
@@ -218,6 +219,7 @@ class Feed:
             self._latest.tell(level, message.node, report.reason)
         elif changed and before is not None and before.fault is not None:
             self._latest.tell(INFO, message.node, "cleared")
+        make_room(self._reports, message.node)
         self._reports[message.node] = report.after(before)
 
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
@@ -229,6 +231,7 @@ class Feed:
             if space != self._namespace or not (node and task):
                 continue  # of another rig, or of no rig
             known = self._reports.get(node)
+            make_room(self._reports, node)
             self._reports[node] = (
                 known.heard(now_s)
                 if known is not None

@@ -23,6 +23,7 @@ from cabols_control.ros.stops import StopSender
 from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.ros.threads.node_executor import NodeExecutor
 from cabols_control.supervision.modes import OperatingMode
+from cabols_control.supervision.senders import make_room
 from cabols_control.topics import LIVE, NAMESPACE, Quality, topic_row
 
 LEAVE_S = 5.0
@@ -148,6 +149,7 @@ class RigConnection:
     def reports(self) -> dict[str, LoopStatus]:
         """Newest report of each node."""
         for message in self._status.take():
+            make_room(self._reports, message.node)
             self._reports[message.node] = message
         return self._reports
 
