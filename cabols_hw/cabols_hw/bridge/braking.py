@@ -18,6 +18,9 @@ YIELD_SPEED_M_S = 0.3
 """At which a cable with a closed switch is paid out: faster than the robot may move [m/s]."""
 YIELD_LENGTH_M = 0.5
 """Most cable that is paid out; then the motor stands still [m]."""
+YIELD_N, SLACKEST_N, GAIN_N = 7.0, 3.0, 2.0
+"""A tension above the first is paid out, too, where a switch is open: it may be stuck. So is one
+above the second that has gained the third [N]."""
 QUIET_S = 0.1
 """After the last switch has opened, amplifiers are off so much later [s]."""
 
@@ -107,10 +110,11 @@ class Braking:
 
 
 class Yielding:
-    """Gives way to a platform whose pose is lost: each limb pays out while its switch is closed.
+    """Gives way to a platform that may move: each limb pays out while its switch is closed.
 
     It keeps every cable below the switch's tension, about, while the robot still moves, and never
-    winds in.
+    winds in. Where a switch is open although the estimate says that its cable pulls, the estimate
+    counts; where an encoder is not believed, the way is that of the modelled speed.
 
     Attributes:
         current: (n,) newest output [A].
@@ -126,40 +130,46 @@ class Yielding:
         """
         n = rig.geometry.cables
         self._motors = Motors(rig)
-        self._began = np.zeros(n)
+        self._newest_s = np.nan
+        self._paid_out = np.zeros(n)
+        self._most = np.full(n, YIELD_N)
         self._may: BoolArray = np.zeros(n, dtype=np.bool_)
         self._quiet_s = -np.inf
         self.current = np.zeros(n)
         self.armed = False
         self.active = False
 
-    def begin(self, now_s: float, wound: FloatArray, trusted: BoolArray) -> None:
+    def begin(self, now_s: float, trusted: BoolArray, tension: FloatArray) -> None:
         """Watch the switches from now on.
 
         Args:
             now_s: now [s].
-            wound: (n,) wound length [m].
             trusted: (n,) whether a limb may be moved.
+            tension: (n,) as for step() [N].
         """
-        self._began[:] = wound
+        self._newest_s = now_s
+        self._most[:] = np.clip(tension + GAIN_N, SLACKEST_N, YIELD_N)
+        self._paid_out[:] = 0.0
         self._may[:] = trusted
         self._quiet_s = now_s + QUIET_S
         self.armed = self.active = True
 
     def step(
-        self, now_s: float, closed: BoolArray, wound: FloatArray, speed: FloatArray
+        self, now_s: float, closed: BoolArray, tension: FloatArray, speed: FloatArray
     ) -> FloatArray:
         """Return the (n,) currents [A] for one sample.
 
         Args:
             now_s: now [s].
             closed: (n,) switches.
-            wound: (n,) wound length [m].
+            tension: (n,) the most that each limb can pull by its estimate [N]; NaN: not known.
             speed: (n,) of the motors, winding in [m/s].
         """
         if not self.armed:
             return self.current
-        pays = closed & self._may & (self._began - wound < YIELD_LENGTH_M)
+        self._paid_out += np.maximum(-speed, 0.0) * max(now_s - self._newest_s, 0.0)
+        self._newest_s = now_s
+        pays = (closed | (tension > self._most)) & self._may & (self._paid_out < YIELD_LENGTH_M)
         current = self._motors.current_for(np.where(pays, -YIELD_SPEED_M_S, 0.0), speed)
         moves = pays | (self._may & (np.abs(speed) > STILL_M_S))
         self.current[:] = np.where(moves, current, 0.0)

@@ -28,6 +28,7 @@ class Unloading:
     Attributes:
         current: (n,) newest output [A].
         active: whether it is unloading; false when all limbs are unloaded, or after patience_s.
+        down: (n,) limbs that it does not move: unloaded, or not trusted.
     """
 
     def __init__(self, rig: Rig, rate: float = 1000.0, patience_s: float = 1.0) -> None:
@@ -51,6 +52,7 @@ class Unloading:
         self._last_s = -np.inf
         self.current = np.zeros(n)
         self.active = False
+        self.down: BoolArray = np.ones(n, dtype=np.bool_)
 
     def begin(
         self, now_s: float, tension: FloatArray, elongation: FloatArray, trusted: BoolArray
@@ -71,6 +73,7 @@ class Unloading:
         self._end_s, self._last_s = now_s + self._patience, now_s
         self.current[:] = 0.0
         self.active = bool(self._trusted.any())
+        self.down = ~self._trusted
         for i in np.flatnonzero(self._trusted):
             self._law.reset(int(i), float(elongation[i]), 0.0)
 
@@ -90,8 +93,8 @@ class Unloading:
             return self.current
         self._last_s = now_s
         trusted = self._trusted
-        down = ~trusted | (tension <= self._hold + NEARLY_N)
-        if down.all() or now_s > self._end_s:
+        self.down = ~trusted | (tension <= self._hold + NEARLY_N)
+        if self.down.all() or now_s > self._end_s:
             return self.stop()
         way = self._start - self._goal
         behind = float(np.max(tension - self._goal - self._share * way, where=trusted, initial=0.0))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
-from cabols_control.naming import limb_name
 from cabols_control.rig import Rig
 from cabols_control.supervision.faults import OVERLOAD, FaultName
 from cabols_control.supervision.modes import LOADED, MOVING, OperatingMode
@@ -17,6 +16,7 @@ from cabols_hw.safety.faults import AXES, POSE_LOST, BridgeFault, same_kind
 from cabols_hw.safety.limb_faults import alone_missing, cable_or_switch, limb_fault
 from cabols_hw.safety.pose import PoseWatch
 from cabols_hw.safety.rules import Rule
+from cabols_hw.safety.search import SearchWatch
 
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
@@ -64,7 +64,7 @@ class SafetyEnvelope:
         self._wrench_max = np.array(config.wrench_max)
         self._mode = OperatingMode.STOPPED
         self._relief_left_s = 0.0
-        self._lowest_force = np.inf
+        self._search = SearchWatch(n, config.pretension_force, rig.limbs.stiffness)
         self._last_volts = np.full(6, np.nan)
         self._since_flat = np.zeros(6)
         self._last_s = np.nan
@@ -118,11 +118,14 @@ class SafetyEnvelope:
         """Whether a motor goes on its own, beyond its current: its amplifier may be the fault.
 
         One that stays behind its current may be jammed or not be counted: its amplifier is sound.
+        So is it where the speed went up in a single sample, as a current cannot make it.
         """
         watch, speed = self._limbs, self.speed
         lasting = watch["motion_s"] > 0.5 * self._config.motion_time
         ahead = lasting & (watch["motion_sign"] * speed > STILL_M_S)
-        return bool(ahead.any() or (np.abs(watch["surge"]) >= limb_rules.SURGE_SAMPLES).any())
+        surges = np.abs(watch["surge"]) >= limb_rules.SURGE_SAMPLES
+        drives = ahead | surges | (watch["surplus"] > limb_rules.SURPLUS_AS)
+        return bool((drives & (watch["stepped"] == 0.0)).any())
 
     def braking_speed(self, doubted: BoolArray) -> FloatArray:
         """(n,) speeds, winding in: of doubted limbs by the currents, of others by encoders [m/s].
@@ -209,6 +212,8 @@ class SafetyEnvelope:
         found = limbs or sensor or self._pose.judge(now_s, mode)
         if found is None and bridge.tared and not relieves:
             found = self._judge_wrench(dt_s, bridge, mode)
+        elif found is None and not relieves and mode in SEARCHING and not bridge.zeroed.all():
+            found = self._search.judge(bridge, mode)
         return found
 
     def _note_overload(self, sensor: BridgeFault | None, bridge: Bridge) -> None:
@@ -238,10 +243,11 @@ class SafetyEnvelope:
         return mode == OperatingMode.FREE_MOVING and self._relief_left_s > 0.0
 
     def _note_search(self, bridge: Bridge, mode: OperatingMode) -> None:
-        """Forget the lowest force of another mode; store where PRETIGHTENING began."""
+        """Forget the search of another mode; store where PRETIGHTENING began."""
         if mode == self._mode:
             return
-        self._mode, self._lowest_force = mode, np.inf
+        self._mode = mode
+        self._search.begin()
         self._limb_limits["quantum"] = bridge.count_length
         self._limb_limits["searches"] = mode in SEARCHING
         self._limb_limits["follows"] = mode == OperatingMode.FREE_MOVING
@@ -328,7 +334,7 @@ class SafetyEnvelope:
                 f"before the motors can be stopped; {self._wrench_max[axis]:g} {unit} allowed",
             )
         if mode in SEARCHING and not bridge.zeroed.all():
-            return self._judge_search(bridge, mode)
+            return self._search.judge(bridge, mode)
         if mode not in BY_TENSION or not bridge.zeroed.all():
             self._wrench_watch["apart_s"] = 0.0
             return None
@@ -339,28 +345,6 @@ class SafetyEnvelope:
                 f"{self._config.estimate_force:g} N or {self._config.estimate_torque:g} N m",
             )
         return None
-
-    def _judge_search(self, bridge: Bridge, mode: OperatingMode) -> BridgeFault | None:
-        """Find a limb that keeps winding in because its switch does not close.
-
-        A load that the gears hold since a cut is present from the start: only the growth over the
-        lowest force since then counts.
-        """
-        force = bridge.rotation @ bridge.wrench[:3]
-        size = float(np.linalg.norm(force))
-        self._lowest_force = min(self._lowest_force, size)
-        if size - self._lowest_force <= self._config.pretension_force:
-            return None
-        # Of the limbs whose switch is still open, the one that pulls in this direction.
-        along = np.where(bridge.zeroed, -np.inf, bridge.structure[:3].T @ force)
-        i = int(np.argmax(along))
-        return BridgeFault(
-            FaultName.SWITCH,
-            f"{limb_name(i)}: the pull has grown to {size:.0f} N in {mode.name}, by more than "
-            f"{self._config.pretension_force:g} N, and its switch is open: stuck, or exchanged "
-            "with another limb's?",
-            i,
-        )
 
     def hear_pose(
         self,

@@ -91,5 +91,7 @@ NOT_HELD = (
     "platform_held"
 )
 """What the bridge says of a platform that hangs on its cables."""
-FOLLOWED: frozenset[FaultName] = frozenset({FaultName.COMMAND_AGE, FaultName.MOTION})
+FOLLOWED: frozenset[FaultName] = frozenset(
+    {FaultName.COMMAND_AGE, FaultName.MOTION, FaultName.CURRENT, FaultName.ENCODER}
+)
 """Faults that are cut, but after which the limbs give way to a robot that may still move."""

@@ -58,6 +58,7 @@ class BridgeGuard:
         self._commanded = np.zeros(n)
         self._allowed = np.zeros(n)
         self._rest = np.zeros(n)
+        self._known: BoolArray = np.zeros(n, dtype=np.bool_)
         self._trusted: BoolArray = np.zeros(n, dtype=np.bool_)
         self._doubted: BoolArray = np.zeros(n, dtype=np.bool_)
         self._held = config.platform_held
@@ -155,9 +156,13 @@ class BridgeGuard:
         Args:
             mode: newest mode.
         """
-        for recovery in (self.braking, self.unloading):
-            if recovery.active:
-                return recovery.current
+        if self.braking.active:
+            return self.braking.current
+        if self.unloading.active:
+            # Limbs that are unloaded give way already, where they have to.
+            if not self.yielding.armed:
+                return self.unloading.current
+            return np.where(self.unloading.down, self.yielding.current, self.unloading.current)
         if self.yielding.armed:
             return self.yielding.current
         if mode not in MOVING or self.fault is not None or self._emergency:
@@ -222,7 +227,8 @@ class BridgeGuard:
             bridge.set_pose(*self.safety.last_pose)
         if self._emergency or not (moved or mode in MOVING):
             return
-        self._trusted = np.isfinite(self.safety.tension_bound)
+        self._known = np.isfinite(self.safety.tension_bound)
+        self._trusted = self._known.copy()
         if fault.limb >= 0 and bridge.zeroed[fault.limb]:
             # Its zero may be wrong. Without one the limb only pays out by its encoder.
             self._trusted[fault.limb] = False
@@ -257,9 +263,9 @@ class BridgeGuard:
             self.unloading.begin(now_s, tension, elongation, self._trusted)
         elif self.unloading.active:
             self.unloading.step(now_s, tension, elongation, speed)
-        if self.unloading.active:
-            return
+        pulls = np.where(self._doubted, np.nan, tension)
         if self._yields:
             self._yields = False
-            self.yielding.begin(now_s, bridge.wound_length, self._trusted)
-        self.yielding.step(now_s, bridge.switch_closed, bridge.wound_length, speed)
+            # It only pays out, by switches: a zero or an encoder that is wrong does no harm.
+            self.yielding.begin(now_s, self._known, pulls)
+        self.yielding.step(now_s, bridge.switch_closed, pulls, speed)
