@@ -204,6 +204,10 @@ bench-console: setup  ## measure what the console costs the rig
 faults: setup  ## break everything, in every state (hours; goes on where it was; ARGS=--short: minutes)
 	@.venv/lib/cabols_sim/fault_campaign $(ARGS)
 
+bench-heartbeat: setup  ## how long the robot needs to hear of a fault, through the real nodes (goes on where it was)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_heartbeat.py $(ARGS)
+
 bench-restart: setup  ## start the bridge again under loads that the gears hold: is the wrench right?
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_restart.py $(ARGS)

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+from cabols_sim.fault_campaign.crossed import CROSSED, STATES, TWINS, crossed_claims
 from cabols_sim.fault_campaign.judgement import Report, TrialData, judge
 from cabols_sim.fault_campaign.kinds import KINDS, PROCESSES
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
@@ -105,6 +106,38 @@ def test_every_kind_can_be_made():
     assert len({kind.name for kind in KINDS}) == len(KINDS)
 
 
+def test_every_crossed_kind_can_be_made_and_has_its_twin():
+    assert len(CROSSED) >= 60
+    assert {kind.state for kind in CROSSED} == set(STATES)
+    for kind in CROSSED:
+        assert kind.fault in INJECTED
+        assert not TWINS[kind.name].latent
+        limbs = kind.pick_limbs(np.random.default_rng(1), np.arange(8.0))
+        assert limbs == [-1] or set(limbs) <= set(range(8))
+        assert (limbs != [-1]) == INJECTED[kind.fault].per_limb
+
+
+def test_crossed_kinds_are_judged_by_time_but_where_a_motor_coasts_or_a_robot_brakes():
+    def made(kind, **changes):
+        usual = {"kind": kind, "detected": True, "safe_time_s": 0.0, "peak_tension_n": 80.0}
+        return {**usual, **changes}
+
+    fine = [
+        made("loading: cable breaks"),
+        made("loading: amplifier offset", safe_time_s=0.3),
+        made("robot moves: motor jams", safe_time_s=0.2),
+        made("free: amplifier delivers all", peak_tension_n=160.0),
+    ]
+    assert not any(crossed_claims(fine).values())
+    broken = (
+        made("free: gauge flat", detected=False),
+        made("robot moves: encoder jumps", safe_time_s=0.06),
+        made("loading: amplifier offset", peak_tension_n=150.1),
+    )
+    for trial in broken:
+        assert sum(crossed_claims([*fine, trial]).values()) == 1
+
+
 @pytest.mark.ros
 @pytest.mark.slow
 @pytest.mark.realtime
@@ -113,6 +146,7 @@ def test_a_trial_on_the_real_graph(tmp_path):
     """A cable breaks in the loaded rig, with robot and tracker: found, safe, written down."""
     code = "import sys\nfrom cabols_sim.ros.fault_campaign import main\nsys.exit(main())\n"
     options = ["--output", str(tmp_path), "--only", "cable breaks", "--seeds", "1"]
+    options += ["--part", "nodes"]
     done = subprocess.run(
         [sys.executable, "-c", code, *options, "--speed", "0.15"],
         env={**os.environ, **next_environment()},

@@ -63,12 +63,16 @@ def made(**changes):
         "healthy": True,
         "latent": False,
         "amplifier": False,
+        "full": False,
+        "by_robot": False,
         "beyond_drive_n": None,
         "within_s": 0.05,
         "detected": True,
         "detection_time_s": 0.01,
         "found_by": "motion",
         "safe_time_s": 0.0,
+        "growth_n": 1.0,
+        "beyond_robot_n": -1.0,
         "peak_tension_n": 80.0,
         "peak_axes": [100.0, 0.0, 0.0, 2.0, 0.0, 0.0],
         "change_force_n": 1.0,
@@ -87,6 +91,10 @@ def test_claims_hold_and_each_is_broken_by_its_own_trial():
         {"peak_axes": [0.0, 0.0, 0.0, 0.0, 0.0, 15.1]},
         {"healthy": False},
         {"amplifier": True, "beyond_drive_n": 0.1},
+        {"amplifier": True, "peak_tension_n": 150.1},
+        {"amplifier": True, "safe_time_s": 0.61},
+        {"by_robot": True, "safe_time_s": 0.36},
+        {"by_robot": True, "safe_time_s": 0.2, "beyond_robot_n": 5.1},
     )
     for changes in broken:
         assert not generated_holds(summarise_generated([made(), made(seed=1, **changes)])), changes
@@ -95,19 +103,33 @@ def test_claims_hold_and_each_is_broken_by_its_own_trial():
 
 def test_motor_that_coasts_after_its_amplifiers_fault_is_counted_apart():
     coasts = made(amplifier=True, safe_time_s=0.3, beyond_drive_n=-5.0)
-    summary = summarise_generated([coasts])
+    summary = summarise_generated([coasts, made(seed=1), made(seed=2)])
     assert summary["coasting"] == 1
+    assert summary["coasting_max_s"] == 0.3
     assert summary["slow_to_safe"] == 0
 
 
-def test_robot_that_still_brakes_is_counted_apart_only_where_nothing_else_pulls():
-    brakes = made(safe_time_s=0.2, safe_but_robot_s=0.0)
-    pulls = made(seed=1, safe_time_s=0.2, safe_but_robot_s=0.2)
-    summary = summarise_generated([brakes, pulls, made(seed=2, safe_time_s=0.2)])
-    assert summary["not_safe_in_time"] == 3
+def test_robot_that_brakes_is_counted_apart_only_where_a_motor_cannot_turn():
+    brakes = made(by_robot=True, safe_time_s=0.2, growth_n=12.0)
+    pulls = made(seed=1, safe_time_s=0.2)
+    quick = [made(seed=seed) for seed in range(2, 6)]
+    summary = summarise_generated([brakes, pulls, *quick])
     assert summary["robot_brakes"] == 1
-    assert summary["slow_to_safe"] == 2
-    assert generated_holds(summarise_generated([brakes]))
+    assert summary["robot_max_n"] == 12.0
+    assert summary["slow_to_safe"] == 1
+    assert generated_holds(summarise_generated([brakes, *quick]))
+    assert not generated_holds(summarise_generated([brakes, pulls, *quick]))
+
+
+def test_only_an_amplifier_that_delivers_all_may_pull_beyond_the_spring():
+    full = made(amplifier=True, full=True, beyond_drive_n=-1.0, peak_tension_n=170.0)
+    assert generated_holds(summarise_generated([full]))
+    assert not generated_holds(summarise_generated([{**full, "full": False}]))
+
+
+def test_a_median_beyond_5_ms_breaks_the_claims():
+    slow = [made(seed=seed, safe_time_s=0.006) for seed in range(3)]
+    assert not generated_holds(summarise_generated(slow))
 
 
 def test_safe_is_where_no_limb_grows_not_only_the_highest():

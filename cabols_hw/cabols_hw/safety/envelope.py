@@ -64,7 +64,7 @@ class SafetyEnvelope:
         self._wrench_max = np.array(config.wrench_max)
         self._mode = OperatingMode.STOPPED
         self._relief_left_s = 0.0
-        self._search = SearchWatch(n, config.pretension_force, rig.limbs.stiffness)
+        self._search = SearchWatch(n, config.pretension_force)
         self._last_volts = np.full(6, np.nan)
         self._since_flat = np.zeros(6)
         self._last_s = np.nan

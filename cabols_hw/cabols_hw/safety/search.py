@@ -19,15 +19,14 @@ class SearchWatch:
     the start: only what is added to it counts.
     """
 
-    def __init__(self, cables: int, most_n: float, stiffness: float) -> None:
+    def __init__(self, cables: int, most_n: float) -> None:
         """Start without a search.
 
         Args:
             cables: number of the rig's.
             most_n: growth of the force that is allowed [N].
-            stiffness: of spring and cable [N/m].
         """
-        self._most_n, self._stiffness = most_n, stiffness
+        self._most_n = most_n
         self._lowest_n = np.inf
         self._began: FloatArray | None = None
         self._wound = np.zeros(cables)
@@ -74,7 +73,7 @@ class SearchWatch:
         if self._began is None:
             self._began, self._wound[:] = force, bridge.wound_length
         wound_in = np.maximum(bridge.wound_length - self._wound, 0.0)
-        pull = bridge.structure[:3] @ (self._stiffness * wound_in)
+        pull = bridge.structure[:3] @ (bridge.limbs["stiffness"] * wound_in)
         size = float(np.linalg.norm(pull))
         along = float((force - self._began) @ pull) / max(size, 1e-9)
         return min(size, along), pull

@@ -11,6 +11,8 @@ rig, then with the real nodes under load.
 
 Goes on where it was interrupted; build/faults/generated.jsonl and trials.jsonl keep every trial."""
 
+PARTS = ("all", "generated", "nodes", "crossed")
+
 
 def fault_campaign_parser() -> CommandParser:
     """Return the parser."""
@@ -26,6 +28,19 @@ def fault_campaign_parser() -> CommandParser:
         "--short",
         action="store_true",
         help="one trial of each kind in one process, none with the real nodes: minutes",
+    )
+    add(
+        "--minutes",
+        type=float,
+        default=0.0,
+        help="end after so long, judge what is there; 0: when all is done (default: %(default)s)",
+    )
+    add(
+        "--part",
+        choices=PARTS,
+        default=PARTS[0],
+        help="in one process; with the real nodes, under load; kinds of the first part once more "
+        "with the real nodes, in each state; or all (default: %(default)s)",
     )
     add("--only", default="", help="only kinds whose name contains this")
     add("--fresh", action="store_true", help="forget the trials done so far")

@@ -10,6 +10,8 @@ import numpy as np
 from cabols_control.checks import FloatArray
 
 HIGHEST, ANY, NONE = "highest", "any", "none"
+ALL, HALF, TWO = "all", "half", "two"
+LOADING = "loading"
 PROCESSES = (
     "supervisor",
     "limb_controller",
@@ -35,6 +37,7 @@ class Kind:
         limb: which limb gets it, by tension.
         value: draws its size.
         demand: (6,) desired wrench from the instant of the fault on [N, N m]; None to continue.
+        state: of the rig, one of the generated campaign's.
     """
 
     name: str
@@ -43,20 +46,26 @@ class Kind:
     limb: str = NONE
     value: Callable[[np.random.Generator], float] = lambda _: 0.0
     demand: tuple[float, ...] | None = None
+    state: str = LOADING
 
-    def pick_limb(self, random: np.random.Generator, tension: FloatArray) -> int:
-        """Return the limb that gets it, for (n,) true tensions [N]; -1 for none.
+    def pick_limbs(self, random: np.random.Generator, tension: FloatArray) -> list[int]:
+        """Return the limbs that get it, for (n,) true tensions [N]; -1 where it has none.
 
         Args:
             random: generator of the trial.
             tension: (n,) true [N].
         """
-        order = np.argsort(tension)
+        order, n = np.argsort(tension), tension.size
         if self.limb == NONE:
-            return -1
+            return [-1]
         if self.limb == ANY:
-            return int(random.integers(tension.size))
-        return int(order[-1 - random.integers(2)])
+            return [int(random.integers(n))]
+        if self.limb == TWO:
+            return [int(i) for i in random.choice(n, 2, replace=False)]
+        if self.limb in (ALL, HALF):
+            first = int(random.integers(2)) * (n // 2) if self.limb == HALF else 0
+            return list(range(first, first + n // 2 if self.limb == HALF else n))
+        return [int(order[-1 - random.integers(2)])]
 
 
 def _sign(random: np.random.Generator) -> float:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import signal
 import sys
@@ -19,13 +20,14 @@ from cabols_control.files.output_folder import output_folder
 from cabols_control.ros.rig_client import AbandonedError, RigError
 from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_bench
 from cabols_sim.fault_campaign.command import fault_campaign_parser
+from cabols_sim.fault_campaign.crossed import CROSSED, crossed_claims
 from cabols_sim.fault_campaign.in_process.command import run_generated
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
 from cabols_sim.ros.rig_watch import RigWatch
 
-TRIALS = "trials.jsonl"
+TRIALS, CROSSED_TRIALS = "trials.jsonl", "crossed.jsonl"
 ATTEMPTS = 3
 """Most attempts of a trial whose rig could not be loaded, or was disturbed before the fault; after
 them the whole rig is restarted."""
@@ -41,11 +43,14 @@ After many kills the middleware may fail to discover a process that was started 
 class Campaign:
     """Runs the remaining trials while the graph runs."""
 
-    def __init__(self, options: argparse.Namespace, todo: list[tuple[Kind, int]]) -> None:
-        """Plan; the folder exists."""
+    def __init__(
+        self, options: argparse.Namespace, todo: list[tuple[Kind, int]], log: Path, until_s: float
+    ) -> None:
+        """Plan; the folder exists. It ends in order after until_s of time.monotonic()."""
         self._options = options
+        self._until_s = until_s
         self._todo = todo
-        self._log = options.output / TRIALS
+        self._log = log
         self._watch: RigWatch | None = None
         self._abandoned = False
         self.failure = ""
@@ -61,6 +66,8 @@ class Campaign:
             )
             time.sleep(2.0)
             for number, (kind, seed) in enumerate(self._todo, start=1):
+                if time.monotonic() > self._until_s:
+                    break
                 self._trial(trials, kind, seed)
                 rate = (time.monotonic() - began) / number
                 left = rate * (len(self._todo) - number)
@@ -107,45 +114,65 @@ class Campaign:
 def main() -> int:
     """Run the campaign; 0 if its claims hold, 1 if not, 130 after Ctrl-C."""
     options = fault_campaign_parser().parse_args()
+    until_s = time.monotonic() + 60.0 * options.minutes if options.minutes else math.inf
     with output_folder(options.output, "fault_campaign", keep=not options.fresh) as folder:
-        seeds = 1 if options.short else options.generated
-        held = run_generated(options.output, options.rig, seeds, options.only)
-        if options.short:
+        seeds, held = 1 if options.short else options.generated, True
+        if options.part != "nodes":
+            plan = options.rig, seeds, options.only, until_s
+            held = run_generated(options.output, *plan)
+        if options.short or options.part == "generated":
             return DONE if held else FAILED
-        code = _campaign(options)
-        code = code if held or code != DONE else FAILED
-        if not _todo(options, options.output / TRIALS):
+        code = DONE if held else FAILED
+        for part in ("nodes", "crossed"):
+            if options.part in ("all", part) and code != INTERRUPTED:
+                made = _campaign(options, part == "crossed", until_s)
+                code = made if made != DONE else code
+        if not (_todo(options, False) or _todo(options, True)):
             folder.finish()
     return code
 
 
-def _campaign(options: argparse.Namespace) -> int:
+def _campaign(options: argparse.Namespace, crossed: bool, until_s: float) -> int:
     """Make the trials that are left, with as many rigs as it takes, and judge them all."""
-    log = options.output / TRIALS
+    log = _log(options, crossed)
     failure, barren = "", 0
-    while (todo := _todo(options, log)) and barren < RIGS:
+    while (todo := _todo(options, crossed)) and barren < RIGS and time.monotonic() < until_s:
         print(f"fault campaign: {len(todo)} trials, rig at {options.speed:g} of real time")
-        campaign = Campaign(options, todo)
+        campaign = Campaign(options, todo, log, until_s)
         if not _run(options, campaign):
             print(f"interrupted; the trials done are in {log}")
             return INTERRUPTED
         failure = campaign.failure
-        barren = barren + 1 if len(_todo(options, log)) == len(todo) else 0
-    summary = summarise(read_trials(log), [kind.name for kind in KINDS])
-    (options.output / "faults.json").write_text(json.dumps(summary, indent=2) + "\n", "utf-8")
+        barren = barren + 1 if len(_todo(options, crossed)) == len(todo) else 0
+    trials = read_trials(log)
+    summary = summarise(trials, [kind.name for kind in (CROSSED if crossed else KINDS)])
+    claims = crossed_claims(trials) if crossed else {}
+    figures = log.with_suffix(".json") if crossed else options.output / "faults.json"
+    figures.write_text(json.dumps({**summary, **claims}, indent=2) + "\n", "utf-8")
     print(text(summary))
-    print(f"  {options.output / 'faults.json'}")
-    missing = len(_todo(options, log))
-    if missing:
+    if crossed:
+        print(f"of kinds in which neither an amplifier drives nor the robot has to brake: {claims}")
+    print(f"  {figures}")
+    missing = len(_todo(options, crossed))
+    if missing and time.monotonic() > until_s:
+        print(f"time is over: {missing} trials are left; another call makes them")
+    elif missing:
         return fail(f"{missing} trials could not be made: {failure}", FAILED)
-    return DONE if holds(summary) else FAILED
+    held = not any(claims.values()) if crossed else holds(summary)
+    return DONE if held and trials else FAILED
 
 
-def _todo(options: argparse.Namespace, log: Path) -> list[tuple[Kind, int]]:
+def _log(options: argparse.Namespace, crossed: bool) -> Path:
+    return Path(options.output) / (CROSSED_TRIALS if crossed else TRIALS)
+
+
+def _todo(options: argparse.Namespace, crossed: bool) -> list[tuple[Kind, int]]:
     """Trials that are still to be made."""
-    done = {(trial["kind"], trial["seed"]) for trial in read_trials(log)}
-    kinds = [kind for kind in KINDS if not options.only or options.only in kind.name]
-    every = [(kind, seed) for seed in range(options.seeds) for kind in kinds]
+    done = {(trial["kind"], trial["seed"]) for trial in read_trials(_log(options, crossed))}
+    of_all = CROSSED if crossed else KINDS
+    kinds = [kind for kind in of_all if not options.only or options.only in kind.name]
+    # A kind that is only checked once more needs one trial.
+    every = [(kind, seed) for seed in range(1 if crossed else options.seeds) for kind in kinds]
     return [(kind, seed) for kind, seed in every if (kind.name, seed) not in done]
 
 

@@ -14,7 +14,7 @@ from cabols_control.load_programs.programs import CSV_HEADER
 from cabols_control.ros.rig_client import RigError, RunningAction
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.judgement import Report, TrialData, TrialResult, judge
-from cabols_sim.fault_campaign.kinds import Kind
+from cabols_sim.fault_campaign.kinds import LOADING, Kind
 from cabols_sim.ros.rig_watch import RigWatch
 
 LOAD_N = 100.0
@@ -29,6 +29,8 @@ AFTER_S = 0.4
 """Rig's time that is recorded after detection [s]."""
 RESTART_S = 0.8
 """Rig's time after which a killed process is restarted [s]: longer than any time-out."""
+MOVING_S, SETTLE_S = 1.2, 0.4
+"""Rig's time until a robot that was sent off moves, and until old reports have come [s]."""
 FROZEN_S = 1.0
 """Shortest wall time of a frozen process [s]."""
 
@@ -49,6 +51,7 @@ class Trials:
         self._pids = pids
         self._speed = speed
         self._folder = folder
+        self._moves = 0
 
     def run(self, kind: Kind, seed: int) -> TrialResult:
         """Load the rig, cause the fault, record.
@@ -58,15 +61,18 @@ class Trials:
         """
         random = np.random.default_rng([seed, *kind.name.encode()])
         watch = self._watch
-        handle = self._load(random)
+        handle = self._prepare(kind.state, random)
         time.sleep(random.uniform(0.0, 0.2))
         if watch.complaints:
             raise RigError(f"disturbed before the fault: {watch.complaints[0].reason}")
-        limb = kind.pick_limb(random, watch.tension)
-        fault_s = self._strike(kind, limb, kind.value(random), handle)
+        limbs = kind.pick_limbs(random, watch.tension)
+        fault_s = self._strike(kind, limbs, kind.value(random), handle)
         self._watch_out(kind, fault_s)
         data = watch.trial(fault_s)
         self._mend(kind)
+        if kind.state == "robot moves" and handle is not None:
+            with suppress(RigError):
+                handle.cancel()
         result = judge(kind.name, seed, data)
         if not result.safe_in_time:
             self._keep(result, data)
@@ -79,6 +85,45 @@ class Trials:
         reports = [f"{r.stamp_s:.6f} {r.node}: {r.reason}" for r in data.reports]
         np.savez_compressed(path, fault_s=data.fault_s, reports=reports, **arrays)
         print(f"  not safe in time; what was recorded is in {path}", flush=True)
+
+    def _prepare(self, state: str, random: np.random.Generator) -> RunningAction | None:
+        """Bring the rig to a state; return the action that runs in it, if there is one."""
+        watch = self._watch
+        if state in (LOADING, "stopped"):
+            handle = self._load(random)
+            if state == "stopped":
+                watch.emergency_stop()
+                watch.wait(
+                    lambda: watch.mode == OperatingMode.FAULT, "FAULT", 5.0, even_in_fault=True
+                )
+                watch.bring_to(OperatingMode.STOPPED)
+                self._settle()
+            return handle
+        watch.inject("none")
+        watch.bring_to(OperatingMode.STOPPED)
+        watch.bring_to(OperatingMode.FREE_MOVING)
+        with suppress(RigError):
+            watch.wait(lambda: watch.tension.max() < LOW_N, "low tension", 2 / self._speed)
+        if state == "pretightening":
+            watch.bring_to(OperatingMode.STOPPED)
+            self._settle()
+            watch.ask("set_mode", mode=int(OperatingMode.PRETIGHTENING))
+            return None
+        # Through LOADING, so that all limbs have zeros.
+        for mode in (OperatingMode.LOADING, OperatingMode.STOPPED, OperatingMode.FREE_MOVING):
+            watch.bring_to(mode)
+        self._settle()
+        if state != "robot moves":
+            return None
+        self._moves += 1
+        moving = watch.start("move_to_configuration", accept_s=10.0, index=1 + self._moves % 2)
+        time.sleep(MOVING_S / self._speed)
+        return moving
+
+    def _settle(self) -> None:
+        """Wait until what was before leaves no report, and forget it."""
+        time.sleep(SETTLE_S / self._speed)
+        self._watch.forget()
 
     def _load(self, random: np.random.Generator) -> RunningAction:
         """Bring the rig under load from whatever state it is in."""
@@ -111,14 +156,18 @@ class Trials:
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         return path
 
-    def _strike(self, kind: Kind, limb: int, value: float, handle: RunningAction) -> float:
+    def _strike(
+        self, kind: Kind, limbs: list[int], value: float, handle: RunningAction | None
+    ) -> float:
         """Cause the fault; return the rig's time of it."""
-        watch = self._watch
+        watch, limb = self._watch, limbs[0]
         if kind.how == "inject" and kind.fault == "egm_bad":
             watch.inject("egm_loss", value=0.3)
             fault_s = watch.inject("egm_delay", value=0.05)
         elif kind.how == "inject":
             fault_s = watch.inject(kind.fault, limb, value)
+            for other in limbs[1:]:
+                watch.inject(kind.fault, other, value)
         elif kind.how == "pretighten":
             self._unload()
             watch.inject(kind.fault, limb, value)
@@ -135,7 +184,7 @@ class Trials:
             os.kill(self._pids[kind.fault], number)
         else:
             fault_s = watch.now_s
-        if kind.demand is not None:
+        if kind.demand is not None and handle is not None:
             with suppress(RigError):
                 handle.cancel()
         return fault_s
@@ -149,7 +198,8 @@ class Trials:
     def _watch_out(self, kind: Kind, fault_s: float) -> None:
         """Wait for detection, then a little more; a frozen process continues in between."""
         watch, began = self._watch, time.monotonic()
-        patience = PRETIGHTEN_S if kind.how == "pretighten" else DETECT_S
+        searches = kind.how == "pretighten" or kind.state == "pretightening"
+        patience = PRETIGHTEN_S if searches else DETECT_S
         give_up = began + patience / self._speed
         while not watch.complaints and time.monotonic() < give_up:
             if kind.demand is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from pathlib import Path
 
@@ -20,7 +21,9 @@ SEEDS = 12
 """Trials of each kind; in the short form one."""
 
 
-def run_generated(folder: Path, rig: str = "", seeds: int = SEEDS, only: str = "") -> bool:
+def run_generated(
+    folder: Path, rig: str = "", seeds: int = SEEDS, only: str = "", until_s: float = math.inf
+) -> bool:
     """Make the trials that are left, print the table and write it to generated.json.
 
     Args:
@@ -28,6 +31,7 @@ def run_generated(folder: Path, rig: str = "", seeds: int = SEEDS, only: str = "
         rig: name or folder; empty: the reference bench.
         seeds: trials of each kind.
         only: part of the names of the kinds; empty: all.
+        until_s: when to end, on time.monotonic() [s]; what is left, another call makes.
 
     Returns:
         Whether its claims hold.
@@ -44,6 +48,9 @@ def run_generated(folder: Path, rig: str = "", seeds: int = SEEDS, only: str = "
         for number, (kind, seed) in enumerate(todo, start=1):
             file.write(json.dumps(run_trial(bench, kind, seed)) + "\n")
             file.flush()
+            if time.monotonic() > until_s:
+                print(f"time is over: {len(todo) - number} generated trials are left")
+                break
             if time.monotonic() - told_s > 10.0:
                 told_s = time.monotonic()
                 print(f"  {number}/{len(todo)}", flush=True)

@@ -40,6 +40,7 @@ class Disturbance:
         within_s: longest time to a report of a fault [s].
         latent: states in which nothing depends on it: there only the bounds hold.
         amplifier: whether an amplifier itself drives: then no current stops the motor.
+        held: whether a motor cannot turn: then a cable is stretched until the robot stands.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Disturbance:
     within_s: float
     latent: frozenset[str] = frozenset()
     amplifier: bool = False
+    held: bool = False
 
 
 RESTS = frozenset({"loading", "free"})
@@ -79,10 +81,14 @@ DISTURBANCES = (
     Disturbance("two encoders frozen", several("encoder_frozen", two_limbs), LATE_S, RESTS),
     Disturbance("two cables break", several("cable_break", two_limbs), LATE_S, LIGHT),
     Disturbance("two switches stuck open", several("switch_open", two_limbs), SEARCH_S, LIGHT),
-    Disturbance("motor of the highest jams", at_highest("motor_jam"), LATE_S, RESTS | SLACK),
-    Disturbance("motor jams", injected("motor_jam"), LATE_S, RESTS),
-    Disturbance("two motors jam", several("motor_jam", two_limbs), LATE_S, RESTS),
-    Disturbance("amplifiers' supply lost", several("motor_jam", all_limbs), LATE_S, RESTS),
+    Disturbance(
+        "motor of the highest jams", at_highest("motor_jam"), LATE_S, RESTS | SLACK, held=True
+    ),
+    Disturbance("motor jams", injected("motor_jam"), LATE_S, RESTS, held=True),
+    Disturbance("two motors jam", several("motor_jam", two_limbs), LATE_S, RESTS, held=True),
+    Disturbance(
+        "amplifiers' supply lost", several("motor_jam", all_limbs), LATE_S, RESTS, held=True
+    ),
     Disturbance(
         "amplifier offset", injected("amplifier_offset", 0.5, 2.0, True), SOON_S, amplifier=True
     ),
@@ -181,6 +187,7 @@ STATES = (
 """FREE_MOVING without zeros; the search for zeros; 100 N; FREE_MOVING at rest; FREE_MOVING while
 the robot moves at 60 mm/s; 60 N while the robot follows a path at 20 to 40 mm/s; 100 N while the
 bridge unloads, because the pose is silent; STOPPED with 100 N on the gears after a cut."""
+ROBOT_MOVES = ("robot moves", "path under load")
 WIRED = "wired wrongly"
 """PRETIGHTENING, then a load, of a rig that is wired otherwise than its files say."""
 
@@ -201,6 +208,12 @@ class GeneratedKind:
     def name(self) -> str:
         """For the table."""
         return f"{self.state}: {self.disturbance.name}"
+
+    @property
+    def by_robot(self) -> bool:
+        """Whether a motor that cannot give way meets a robot that moves: it has to brake first."""
+        moves = self.state in ROBOT_MOVES
+        return moves and (self.disturbance.held or self.disturbance.amplifier)
 
     @property
     def latent(self) -> bool:

@@ -7,18 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from cabols_sim.fault_campaign.judgement import SAFE_WITHIN_S
+from cabols_sim.fault_campaign.in_process.rig import BRAKE_S, HEARTBEAT_S
+from cabols_sim.fault_campaign.judgement import SAFE_WITHIN_S, TOLERANCE_N
 
 TENSION_N = 150.0
 SENSOR_RANGE = (165.0, 165.0, 495.0, 15.0, 15.0, 15.0)
 """Force [N] and torque [N m] along x, y, z."""
-
+MEDIAN_S = 0.005
+"""Longest median of the time from detection to a safe rig [s]."""
+COAST_S = 0.6
+"""Longest coasting of a motor whose amplifier was switched off, as nothing else can stop it [s]."""
+ROBOT_S = HEARTBEAT_S + BRAKE_S + 0.01
+"""Longest time until the robot stands [s]: the cable of a motor that cannot turn is safe then."""
 
 BROKEN = (
     "undetected",
     "late",
     "slow_to_safe",
+    "coasting_too_long",
     "beyond_drive",
+    "robot_too_long",
+    "beyond_robot",
+    "median_too_long",
     "tension_exceeded",
     "robot_exceeded",
     "unusable",
@@ -38,7 +48,10 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
     judged = [t for t in trials if not t["latent"]]
     found = [t for t in trials if t["detected"]]
     safe = [t["safe_time_s"] for t in found]
-    slow = [t for t in found if t["safe_time_s"] > SAFE_WITHIN_S]
+    coasts = [t for t in found if t["amplifier"]]
+    robots = [t for t in found if t["by_robot"] and not t["amplifier"]]
+    cables = [t for t in found if not t["amplifier"] and not t["by_robot"]]
+    median = float(np.median(safe)) if safe else 0.0
     return {
         "rows": [_row(kind, mine) for kind, mine in by_kind.items()],
         "kinds": len(by_kind),
@@ -46,17 +59,25 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "must_detect": len(judged),
         "undetected": sum(not t["detected"] for t in judged),
         "late": sum(t["detected"] and t["detection_time_s"] > t["within_s"] for t in judged),
-        "not_safe_in_time": len(slow),
-        "coasting": sum(t["amplifier"] for t in slow),
-        "robot_brakes": sum(_by_robot(t) for t in slow),
-        "slow_to_safe": sum(not t["amplifier"] and not _by_robot(t) for t in slow),
+        "by_cables": len(cables),
+        "slow_to_safe": _slower(cables, SAFE_WITHIN_S),
+        "by_amplifier": len(coasts),
+        "coasting": _slower(coasts, SAFE_WITHIN_S),
+        "coasting_max_s": _longest(coasts),
+        "coasting_max_n": max((t["growth_n"] for t in coasts), default=0.0),
+        "coasting_too_long": _slower([t for t in coasts if not t["by_robot"]], COAST_S),
         "beyond_drive": sum((t["beyond_drive_n"] or 0.0) > 0.0 for t in trials),
-        "safe_median_s": float(np.median(safe)) if safe else 0.0,
+        "by_robot": len(robots),
+        "robot_brakes": _slower(robots, SAFE_WITHIN_S),
+        "robot_max_s": _longest(robots),
+        "robot_max_n": max((t["growth_n"] for t in robots), default=0.0),
+        "robot_too_long": _slower(robots, ROBOT_S),
+        "beyond_robot": sum(t["beyond_robot_n"] > TOLERANCE_N for t in robots),
+        "safe_median_s": median,
+        "median_too_long": int(not median <= MEDIAN_S),
         "peak_tension_n": max((t["peak_tension_n"] for t in trials), default=0.0),
-        "tension_exceeded": sum(t["peak_tension_n"] > TENSION_N for t in trials),
-        "tension_exceeded_amplifier": sum(
-            t["peak_tension_n"] > TENSION_N for t in trials if t["amplifier"]
-        ),
+        "tension_exceeded": sum(t["peak_tension_n"] > TENSION_N for t in trials if not t["full"]),
+        "tension_exceeded_full": sum(t["peak_tension_n"] > TENSION_N for t in trials if t["full"]),
         "robot_exceeded": sum(_beyond(t) for t in trials),
         "unusable": sum(not t["healthy"] for t in trials),
     }
@@ -71,10 +92,12 @@ def generated_holds(summary: dict[str, Any]) -> bool:
     return summary["trials"] > 0 and not any(summary[name] for name in BROKEN)
 
 
-def _by_robot(trial: dict[str, Any]) -> bool:
-    """Whether nothing but the robot's way until it stands makes tensions grow."""
-    alone_s = trial.get("safe_but_robot_s")
-    return not trial["amplifier"] and alone_s is not None and alone_s <= SAFE_WITHIN_S
+def _slower(trials: Sequence[dict[str, Any]], most_s: float) -> int:
+    return sum(t["safe_time_s"] > most_s for t in trials)
+
+
+def _longest(trials: Sequence[dict[str, Any]]) -> float:
+    return max((t["safe_time_s"] for t in trials), default=0.0)
 
 
 def _beyond(trial: dict[str, Any]) -> bool:
@@ -118,18 +141,28 @@ def generated_text(summary: dict[str, Any]) -> str:
             f"{row['peak_tension_n']:8.1f} {row['change_force_n']:14.1f}, "
             f"{row['change_torque_nm']:6.2f}    {', '.join(row['found_by'])}"
         )
+    within = f"{1e3 * SAFE_WITHIN_S:.0f} ms"
     end = (
         f"\n{summary['trials']} trials of {summary['kinds']} kinds in one process; to be detected "
         f"{summary['must_detect']}: undetected {summary['undetected']}, later than the kind's "
-        f"bound {summary['late']}.\nNot safe within {1e3 * SAFE_WITHIN_S:.0f} ms of detection "
-        f"{summary['not_safe_in_time']}, median {1e3 * summary['safe_median_s']:.1f} ms: in "
-        f"{summary['coasting']} a motor coasts after its own amplifier's fault (beyond what 3 ms "
-        f"of it give: {summary['beyond_drive']}), in {summary['robot_brakes']} the robot brakes "
-        f"and stretches a cable by its way, for other causes {summary['slow_to_safe']}. Beyond "
-        f"{TENSION_N:g} N {summary['tension_exceeded']} (of them by an amplifier "
-        f"{summary['tension_exceeded_amplifier']}), highest {summary['peak_tension_n']:.1f} N; "
-        f"robot beyond the sensor's range {summary['robot_exceeded']}; "
-        f"unusable {summary['unusable']}."
+        f"bound {summary['late']}.\nSafe after detection: median "
+        f"{1e3 * summary['safe_median_s']:.1f} ms.\n"
+        f"- where limbs can answer, {summary['by_cables']} trials: later than {within} "
+        f"{summary['slow_to_safe']};\n"
+        f"- where an amplifier itself drives, {summary['by_amplifier']}: its motor coasts for "
+        f"longer than {within} in {summary['coasting']}, for at most "
+        f"{1e3 * summary['coasting_max_s']:.0f} ms and {summary['coasting_max_n']:.1f} N; beyond "
+        f"k_e k i t_off {summary['beyond_drive']}, longer than {1e3 * COAST_S:.0f} ms "
+        f"{summary['coasting_too_long']};\n"
+        f"- where a motor cannot turn and the robot has to brake, {summary['by_robot']}: longer "
+        f"than {within} in {summary['robot_brakes']}, at most "
+        f"{1e3 * summary['robot_max_s']:.0f} ms and {summary['robot_max_n']:.1f} N; "
+        f"longer than the robot's own {1e3 * ROBOT_S:.0f} ms {summary['robot_too_long']}, "
+        f"beyond k_e times its way {summary['beyond_robot']}.\n"
+        f"Beyond {TENSION_N:g} N {summary['tension_exceeded']}, and "
+        f"{summary['tension_exceeded_full']} by an amplifier that delivers all; highest "
+        f"{summary['peak_tension_n']:.1f} N. Robot beyond the sensor's range "
+        f"{summary['robot_exceeded']}. Unusable {summary['unusable']}."
     )
     return "\n".join([*lines, end])
 
