@@ -174,6 +174,10 @@ bench-tracking: setup  ## errors against the command: feedback and preview, as d
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_tracking.py $(ARGS)
 
+bench-bandwidth: setup  ## bandwidth, margins and currents of each axis, by feedback alone; steps with preview
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_bandwidth.py $(ARGS)
+
 bench-moving: setup  ## a wrench held on a target that moves or shakes, lag known and not: ARGS="--seeds 20"
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_moving.py $(ARGS)

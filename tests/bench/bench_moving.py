@@ -42,6 +42,7 @@ WAY_M, WAY_RAD = 0.12, np.deg2rad(15.0)
 FREQUENCIES = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 LAG_S = 0.012
 """That nobody states, where the rig is as its files say."""
+FAST, BRISK = "control_fast.yaml", "control_brisk.yaml"
 PEAK = 1.875
 """Largest speed of a quintic, in mean ones."""
 HELD = np.array([50.0, 0.0, 0.0, 0.0, 0.0, 5.0])
@@ -97,7 +98,7 @@ class Variant:
 
     Attributes:
         name: for the tables.
-        fast: fast gains instead of the published ones.
+        design: YAML of the gains instead of the published ones.
         extrapolated: whether poses are extrapolated.
         feed: whether the cables' speeds are fed forward.
         lag_s: of the poses, which nobody states.
@@ -106,7 +107,7 @@ class Variant:
     """
 
     name: str
-    fast: bool = False
+    design: str = ""
     extrapolated: bool = True
     feed: bool = True
     lag_s: float = 0.0
@@ -116,20 +117,22 @@ class Variant:
 
 VARIANTS = (
     Variant("as it was, published", extrapolated=False, feed=False),
-    Variant("as it was, fast", fast=True, extrapolated=False, feed=False),
+    Variant("as it was, fast", design=FAST, extrapolated=False, feed=False),
     Variant("extrapolated, published", feed=False),
     Variant("extrapolated and fed forward, published"),
-    Variant("extrapolated and fed forward, fast", fast=True),
+    Variant("extrapolated and fed forward, fast", design=FAST),
     Variant("the same with 0.17 mm of backlash known, published", backlash=0.00017),
+    Variant("extrapolated and fed forward, brisk", design=BRISK),
+    Variant("the same with 0.1 mm of backlash known, brisk", design=BRISK, backlash=0.0001),
     Variant("12 ms that nobody knows, published", lag_s=LAG_S),
     Variant("12 ms, identified, published", lag_s=LAG_S, known=True),
-    Variant("12 ms, identified, fast", fast=True, lag_s=LAG_S, known=True),
+    Variant("12 ms, identified, fast", design=FAST, lag_s=LAG_S, known=True),
 )
 
 
 def loaded(variant: Variant, seed: int = -1, lag_s: float | None = None) -> MovingRig:
     """A rig of a variant, holding HELD in platform axes about a point 100 mm off."""
-    control = find_rig().file("control_fast.yaml") if variant.fast else None
+    control = find_rig().file(variant.design) if variant.design else None
     rig = load_rig(control=control)
     rig = replace(rig, limbs=replace(rig.limbs, backlash=variant.backlash))
     if not variant.extrapolated:

@@ -14,6 +14,7 @@ from cabols_control.rig_folder import rig_file
 from cabols_control.run_report.figures_of_merit import designed_rise_time
 from cabols_sim.bench import run as bench_run
 from cabols_sim.plant.closed_loop import simulate
+from cabols_sim.reproductions.common import bench
 from cabols_sim.studies import fast_gains, gain_search
 from graph_harness import next_environment
 
@@ -25,6 +26,21 @@ def test_design_differs_from_the_published_one_in_poles_and_zero_alone(rig):
     for name in type(fast).__dataclass_fields__:
         same = getattr(fast, name) == getattr(rig.control, name)
         assert same == (name not in ("poles", "zero")), name
+
+
+@pytest.mark.parametrize("axis", [0, 4])
+def test_brisk_design_follows_5_hz_by_feedback_alone(axis):
+    """Half a newton metre, or five newtons, on the whole plant with friction and backlash."""
+    rig = load_rig(control=rig_file("control_brisk.yaml"))
+    time = np.arange(0.0, 1.2, 0.001)
+    desired = np.zeros((1700, 6))
+    desired[500:, axis] = (5.0 if axis < 3 else 0.5) * np.sin(2.0 * np.pi * 5.0 * time)
+    plant = bench("").plant
+    trace = simulate(rig, bench("").card, plant, desired)
+    turn = np.exp(-2j * np.pi * 5.0 * time[-800:])
+    gain = abs(np.mean(trace.measured[-800:, axis] * turn) / np.mean(desired[-800:, axis] * turn))
+    assert gain > 10.0 ** (-3.0 / 20.0)
+    assert np.abs(trace.current[-800:]).max() < 1.0
 
 
 def test_rise_time_is_halved_over_drawn_plants(rig):
