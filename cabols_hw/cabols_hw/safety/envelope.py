@@ -17,6 +17,7 @@ from cabols_hw.safety.limb_faults import alone_missing, cable_or_switch, limb_fa
 from cabols_hw.safety.pose import PoseWatch
 from cabols_hw.safety.rules import Rule
 from cabols_hw.safety.search import SearchWatch
+from cabols_hw.safety.surges import SURGE_SAMPLES, SURPLUS_AS
 
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
@@ -123,8 +124,9 @@ class SafetyEnvelope:
         watch, speed = self._limbs, self.speed
         lasting = watch["motion_s"] > 0.5 * self._config.motion_time
         ahead = lasting & (watch["motion_sign"] * speed > STILL_M_S)
-        surges = np.abs(watch["surge"]) >= limb_rules.SURGE_SAMPLES
-        drives = ahead | surges | (watch["surplus"] > limb_rules.SURPLUS_AS)
+        surges = np.abs(watch["surge"]) >= SURGE_SAMPLES
+        charge = np.maximum(watch["surplus"], watch["against"])
+        drives = ahead | surges | (charge > SURPLUS_AS)
         return bool((drives & (watch["stepped"] == 0.0)).any())
 
     def braking_speed(self, doubted: BoolArray) -> FloatArray:

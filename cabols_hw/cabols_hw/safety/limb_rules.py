@@ -10,32 +10,15 @@ from numba import njit
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_hw.bridge.braking import RESPONSE_S
 from cabols_hw.safety.rules import Rule
+from cabols_hw.safety.surges import LONG_SAMPLE_S, SURGE_SAMPLES, SURPLUS_AS, note_surge
 
 OBSERVER_RATE = 200.0
 """Bandwidth of the observer that separates current from motion [1/s]: 5 ms."""
 
-LONG_SAMPLE_S = 0.0035
-"""In a sample that took longer nobody knows which current flowed when: the observer starts anew."""
 BRAKE_LAG_S = 0.006
 """From a sample to the whole braking current: two samples, and the ramp of the current."""
 FIRM_S = 0.005
 """A switch that was open for so long was not merely bouncing when it closes [s]."""
-SURGE_A = 2.0
-"""Current beyond all commands of the last samples that two samples in a row may not show [A]: an
-amplifier that drives by itself is found by it within 3 ms, where the observer takes 5 to 7."""
-SURGE_SAMPLES = 2.0
-SURPLUS_A, SURPLUS_SHARE = 0.25, 0.1
-"""What a motor that winds in may seem to get beyond all commands of the last samples [A], and more
-by a share of them: friction takes current, and only a wrong model seems to add any."""
-SURPLUS_AS = 0.0035
-"""Charge beyond that, gathered while a motor winds in, by which an amplifier drives by itself
-[A s]: with 1 A it is off after 6 ms, where the observer takes 14."""
-SURPLUS_STEP_AS = 0.00125
-"""Most that one sample can add to it [A s]: a count that jumps, or begins to run away, is no
-current that lasts."""
-STEPPED_S = 0.1
-"""How long a step of the speed is remembered that no current explains, of a single sample: what
-follows is then the encoder's fault, not the amplifier's [s]."""
 SLACK_S = 0.3
 """A limb whose switch has been open for so long although it should be closed may be slack [s]."""
 SLACK_N = 1.0
@@ -89,6 +72,7 @@ LIMB_WATCH = np.dtype(
         ("surge", np.float64),  # samples in a row with a current beyond all of them; their sign
         ("stepped", np.float64),  # how long a step is still remembered [s]; 0: none
         ("surplus", np.float64),  # charge beyond all commands while it winds in [A s]
+        ("against", np.float64),  # charge that pays it out while all commands wind in [A s]
         ("open_s", np.float64),  # how long the switch has been open [s]; 0: it is closed
         ("slack_s", np.float64),  # how long the switch has called it slack, in FREE_MOVING [s]
         ("farthest", np.float64),  # wound in since the switch opened, at most [m]
@@ -113,7 +97,8 @@ def forget_motion(watch: Any) -> None:
     for i in range(watch.shape[0]):
         watch[i]["last_wound"] = np.nan
         watch[i]["last_speed"] = np.nan
-        watch[i]["observed"] = watch[i]["surge"] = watch[i]["surplus"] = 0.0
+        watch[i]["observed"] = watch[i]["surge"] = 0.0
+        watch[i]["surplus"] = watch[i]["against"] = 0.0
 
 
 @njit(cache=True)
@@ -192,49 +177,6 @@ def _allowed_current(own: Any) -> float:
 
 
 @njit(cache=True)
-def _note_surge(own: Any, quantum: float, speed: float, current: float, dt_s: float) -> None:
-    """Count the samples in a row in which a motor gets more current than anybody commanded.
-
-    A smaller one, while the motor winds in, is gathered until it is beyond doubt.
-
-    The current follows from two speeds by (3.11). When in a sample a command came is not known, so
-    those of the last four all may explain it; so may the encoder's steps. A motor that stays
-    behind its current does not count here.
-
-    Args:
-        own: record of LIMB_WATCH, of the sample before.
-        quantum: length of one count [m].
-        speed: in this sample [m/s].
-        current: on the amplifier at its end [A].
-        dt_s: its length [s].
-    """
-    before = own["last_speed"]
-    mean_s = 0.5 * (dt_s + own["last_dt"])
-    low = min(current, own["before"], own["earlier"], own["earliest"], 0.0)
-    commanded = max(current, own["before"], own["earlier"], own["earliest"])
-    high = max(commanded, 0.0)
-    own["earliest"], own["earlier"], own["before"] = own["earlier"], own["before"], current
-    own["last_dt"] = dt_s
-    inertia = own["time_constant"] / own["gain"]
-    shown = inertia * (speed - before) / mean_s + 0.5 * (speed + before) / own["gain"]
-    allowed = SURGE_A + 2.0 * quantum * inertia / (dt_s * mean_s)
-    counted = own["surge"]
-    if dt_s > LONG_SAMPLE_S or not low - allowed <= shown <= high + allowed:
-        sign = 0.0 if dt_s > LONG_SAMPLE_S or np.isnan(shown) else np.sign(shown - high)
-        own["surge"] = sign + (own["surge"] if own["surge"] * sign > 0.0 else 0.0)
-    else:
-        own["surge"] = 0.0
-    lone = abs(counted) == 1.0 and abs(own["surge"]) <= 1.0 and dt_s <= LONG_SAMPLE_S
-    own["stepped"] = STEPPED_S if lone else max(own["stepped"] - dt_s, 0.0)
-    # Speeds follow each other without a gap, so that the encoder's steps do not add up.
-    beyond = shown - commanded - SURPLUS_A - SURPLUS_SHARE * max(high, -low)
-    if dt_s > LONG_SAMPLE_S or not (speed > 0.0 and np.isfinite(beyond)):
-        own["surplus"] = 0.0
-    else:
-        own["surplus"] = max(own["surplus"] + min(beyond * mean_s, SURPLUS_STEP_AS), 0.0)
-
-
-@njit(cache=True)
 def _rule_of(
     own: Any, most: Any, reading: Any, closed: bool, tension: float, current: float
 ) -> int:
@@ -276,7 +218,7 @@ def _rule_of(
         return Rule.CURRENT.value
     if own["motion_s"] > most["motion_time"] or abs(own["surge"]) >= SURGE_SAMPLES:
         return Rule.MOTION.value
-    if own["surplus"] > SURPLUS_AS:
+    if max(own["surplus"], own["against"]) > SURPLUS_AS:
         return Rule.MOTION.value
     return Rule.FINE.value
 
@@ -320,7 +262,7 @@ def judge_limbs(
         # NaN after a gap: no comparison holds then.
         speed = (wound[i] - own["last_wound"]) / dt_s
         jumped = abs(speed - own["last_speed"]) > most["encoder_jump"]
-        _note_surge(own, most["quantum"], speed, current[i], dt_s)
+        note_surge(own, most["quantum"], speed, current[i], dt_s)
         if jumped:
             # Not the cable moved, but the count.
             own["slack_stretch"] += dt_s * (speed - own["last_speed"])
@@ -344,7 +286,7 @@ def judge_limbs(
         )
         if not acts:
             own["cable_s"] = own["current_s"] = own["motion_s"] = 0.0
-            own["surge"] = own["surplus"] = 0.0
+            own["surge"] = own["surplus"] = own["against"] = 0.0
             own["farthest"], own["closed_from"] = wound[i], reading["stretch"]
             continue
         share = abs(missing) * time_constant / gain / most["motion_current"]
