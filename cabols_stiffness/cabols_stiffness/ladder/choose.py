@@ -32,7 +32,7 @@ from cabols_stiffness.ladder.evidence import (
 )
 from cabols_stiffness.ladder.sums import Sums
 from cabols_stiffness.model.elastic.arm import Arm, columns_of, settle
-from cabols_stiffness.model.elastic.blocks import Block, Joints, Statics
+from cabols_stiffness.model.elastic.blocks import Block, Joints, Statics, Varying
 from cabols_stiffness.model.model_words import Rung
 from cabols_stiffness.model.verdict import Suspect
 
@@ -147,6 +147,9 @@ class Ladder:
         self._candidates = elastic_candidates(observations, self.scale, self.reach)
         blocks: list[Block] = [joints]
         blocks += [c.block for i, c in enumerate(self._candidates) if not self._same(i)]
+        # What varies over the workspace is the joints' columns times features of the configuration.
+        varying = [block for block in blocks if isinstance(block, Varying)]
+        blocks = [block for block in blocks if not isinstance(block, Varying)]
         columns = columns_of(blocks, state)
         self._states = friction_states(observations, deflection, self.reach)
         if self._states is not None:
@@ -155,22 +158,27 @@ class Ladder:
         self._faults = {one: guessed[one] for one in FAULTS if one in guessed}
         sizes = [one.shape[2] for one in self._faults.values()]
         measured = [motion_of(observations, state) @ columns, *self._faults.values()]
-        self._rows = rows_of(
+        rows = rows_of(
             observations,
             residual_of(observations, arm, state),
             np.concatenate(measured, axis=2),
             found.line,
             found.use,
         )
-        first = self._rows.columns.shape[1] - sum(sizes)
+        width = rows.columns.shape[1]
+        first = width - sum(sizes)
         self._fault_at = [slice(first + at.start, first + at.stop) for at in groups(sizes)]
         self._joints = Candidate("joints", joints, FLAT)
         self._at = groups([block.size for block in blocks])
-        self._blocks = blocks
         self._held: IntArray | None = None
         if self._states is not None:
             held = np.arange(self._at[-1].stop, first)
             self._held = held.reshape(len(self._states.forms), self.scale.size)
+        self._blocks = [*blocks, *varying]
+        ends = groups([block.size for block in varying])
+        self._at += [slice(width + at.start, width + at.stop) for at in ends]
+        more = [_varied(block, rows, samples.joints) for block in varying]
+        self._rows = rows.with_columns(np.hstack([rows.columns, *more]))
         self._sums = Sums(self._rows, self._columns(joints))
 
     def _same(self, index: int) -> bool:
@@ -333,6 +341,15 @@ def _held(states: FrictionStates, state: Statics, reach: FloatArray) -> FloatArr
     held = -state.frames.posture.jacobian * reach
     found = held[:, :, None, :] * states.share.swapaxes(0, 1)[:, None]
     return np.asarray(found.reshape(found.shape[0], 6, -1))
+
+
+def _varied(block: Varying, rows: Rows, joints: FloatArray) -> FloatArray:
+    """(r, p) whitened columns of a block, from those of the joints, which come first."""
+    _, first = np.unique(rows.sample, return_index=True)
+    sample = rows.sample[np.sort(first)]
+    features = np.concatenate(block.over.features(joints[sample]), axis=1)
+    count = rows.sample.size // sample.size
+    return np.asarray(rows.columns[:, block.joint] * np.repeat(features, count, axis=0))
 
 
 def _none(rows: Rows) -> HeldOut:

@@ -6,11 +6,12 @@ A cell is a configuration, or a load where there are too few configurations; cel
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_stiffness.identification.observations import Linearised, Observations, whiten
@@ -32,6 +33,7 @@ class Rows:
         fold: (c,) of each cell.
         numbers: (c,) numbers measured in each cell, less its share of the offsets.
         distances: (k,) squared, of each sample from the model.
+        sample: (r,) that each row is of.
     """
 
     residual: FloatArray
@@ -40,6 +42,7 @@ class Rows:
     fold: IntArray
     numbers: FloatArray
     distances: FloatArray
+    sample: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     def with_columns(self, columns: FloatArray) -> Rows:
         """Return the same rows with other columns (r, p)."""
@@ -89,6 +92,7 @@ def rows_of(
         fold,
         np.maximum(numbers, 1.0),
         np.sum(white.residual**2, axis=1),
+        np.repeat(used, m),
     )
 
 
@@ -157,10 +161,10 @@ def solve(matrix: FloatArray, target: FloatArray) -> FloatArray:
     size = np.sqrt(np.maximum(np.diagonal(matrix), 1e-30))
     scaled = matrix / np.outer(size, size)
     right = target / (size if target.ndim == 1 else size[:, None])
-    try:
-        root = np.linalg.cholesky(scaled - 1e-11 * np.eye(size.size))
-        found = np.linalg.solve(root.T, np.linalg.solve(root, right))
-    except np.linalg.LinAlgError:
+    factor, info = dpotrf(scaled - 1e-11 * np.eye(size.size), lower=1)
+    if info == 0:
+        found, _ = dpotrs(factor, right, lower=1)
+    else:
         found = np.linalg.pinv(scaled, rcond=1e-9, hermitian=True) @ right
     return np.asarray(found / (size if target.ndim == 1 else size[:, None]))
 

@@ -143,6 +143,7 @@ def _fitted(
         values[:n] = found.parameters.compliance / joints.scale
     converged, steps = False, 0
     drawn = np.zeros_like(deflection) if start is None else start.state.friction
+    bodies = None if start is None else start.state.bodies
     # From the end of an earlier fit friction is drawn once more, and the priors stay.
     rounds, first = (DRAWN, 1) if start is None else (1, 0)
     scatter = Scatter(np.zeros(n), max(choice.rms**2, 1e-12), np.zeros(n))
@@ -154,9 +155,9 @@ def _fitted(
         accuracy = ACCURACY if converged or steps == STEPS else ON_THE_WAY
         state = settle(
             robot, arm, samples.joints, samples.wrench, observations.follows, drawn, deflection,
-            accuracy,
+            accuracy, bodies,
         )  # fmt: skip
-        deflection = state.deflection
+        deflection, bodies = state.deflection, state.bodies
         residual = residual_of(observations, arm, state)
         columns = motion_of(observations, state) @ arm.columns(state)
         if steps == first:

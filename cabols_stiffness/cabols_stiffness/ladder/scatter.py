@@ -20,6 +20,9 @@ DIFFER = 1e-4
 
 CELLS_LEAST = 4
 ROUNDS = 60
+SETTLED = 1e-3
+"""Relative change of the scatter's square that ends the rounds."""
+
 START = 0.03
 """Scatter to begin with, relative."""
 
@@ -101,7 +104,9 @@ def _quick(parts: Blocks) -> FloatArray:
         inner = np.linalg.inv(matrix + np.diag(1.0 / square))
         effect = np.einsum("cij,cj->ci", inner, target)
         spread = np.einsum("cjj->cj", inner)
-        square = np.maximum(np.mean(effect**2 + spread, axis=0), 1e-14)
+        before, square = square, np.maximum(np.mean(effect**2 + spread, axis=0), 1e-14)
+        if (np.abs(square - before) <= SETTLED * before).all():
+            break
     return np.asarray(np.sqrt(square))
 
 

@@ -119,10 +119,7 @@ def blocks(
 
 def heterogeneity(found: Blocks) -> Heterogeneity:
     """Test whether configurations differ, against the residuals within them."""
-    q, rank = 0.0, 0
-    for matrix, target in zip(found.matrix, found.target, strict=True):
-        explained, one = _own(matrix, target)
-        q, rank = q + explained, rank + one
+    q, rank = _own_of_all(found.matrix, found.target)
     total, pooled = found.matrix.sum(axis=0), found.target.sum(axis=0)
     explained, one = _own(total, pooled)
     q, freedom = q - explained, rank - one
@@ -247,6 +244,16 @@ def _scaled(found: Blocks) -> tuple[FloatArray, FloatArray]:
     """Matrices and targets for columns of unit length."""
     size = np.sqrt(np.maximum(np.einsum("cii->ci", found.matrix), 1e-300))
     return found.matrix / (size[:, :, None] * size[:, None, :]), found.target / size
+
+
+def _own_of_all(matrix: FloatArray, target: FloatArray) -> tuple[float, int]:
+    """Sums of _own over configurations (c, p, p), (c, p)."""
+    size = np.sqrt(np.maximum(np.einsum("cii->ci", matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / (size[:, :, None] * size[:, None, :]))
+    known = values > NONE * np.maximum(values[:, -1:], 1e-300)
+    along = np.einsum("cij,ci->cj", vectors, target / size)
+    explained = np.where(known, along**2 / np.where(known, values, 1.0), 0.0)
+    return float(explained.sum()), int(known.sum())
 
 
 def _own(matrix: FloatArray, target: FloatArray) -> tuple[float, int]:

@@ -32,7 +32,7 @@ SIZES: dict[Suspect, tuple[float, ...]] = {
 """Standard deviations of each kind's parameters [m, rad]; gains relative; bias, weight: of the
 largest force and torque."""
 
-NONE = 0.75
+NONE = 0.25
 """Probability of no mistake before the data are seen; the kinds and sizes share the rest."""
 
 INDEPENDENT = 1e-6

@@ -71,6 +71,7 @@ def settle(
     drawn: FloatArray | None = None,
     start: FloatArray | None = None,
     accuracy: float = ACCURACY,
+    bodies: FloatArray | None = None,
 ) -> Statics:
     """Deflect joints and bodies until they balance the wrench; unchecked input.
 
@@ -84,13 +85,14 @@ def settle(
             relaxed arm in one way.
         start: (k, n) deflections to begin with [rad, m].
         accuracy: of the deflections, relative to the largest.
+        bodies: (k, n + 1, 6) motions of the bodies to begin with [m, rad]; None: none.
 
     Raises:
         CabolsError: if the arm cannot balance the wrench.
     """
     k, n = joints.shape
     moved = np.zeros((k, n)) if start is None else start.copy()
-    bodies = np.zeros((k, n + 1, 6))
+    bodies = np.zeros((k, n + 1, 6)) if bodies is None else bodies
     nothing, friction = np.zeros((k, n)), arm.friction
     for _ in range(STEPS):
         frames = frames_of(robot, joints + moved, bodies)
@@ -98,7 +100,7 @@ def settle(
         load = turn(posture.rotation, wrench) if follows else wrench
         on_bodies = np.einsum("kbij,ki->kbj", frames.twists, load)
         share = nothing if drawn is None else drawn
-        state = Statics(frames, joints, posture.torque(load), on_bodies, moved, share)
+        state = Statics(frames, joints, posture.torque(load), on_bodies, moved, share, bodies)
         before, motion = moved, Motion(np.zeros((k, n)), np.zeros((k, n + 1, 6)))
         for block, at in zip(arm.blocks, arm.slices, strict=True):
             if not (block is friction and drawn is None):
@@ -106,7 +108,7 @@ def settle(
         moved, bodies = motion.joints, motion.bodies
         if friction is not None and drawn is None:
             moved, share = _first_loading(arm, friction, moved)
-            state = Statics(frames, joints, state.torque, on_bodies, moved, share)
+            state = replace(state, deflection=moved, friction=share)
         largest = float(np.abs(moved).max(initial=0.0))
         if not largest < 0.5:
             raise CabolsError(

@@ -8,7 +8,7 @@ exact balance). Parameters are relative to natural sizes, so that 1 is a lot for
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -32,6 +32,7 @@ class Statics:
         wrench: (k, n + 1, 6) on each body at its origin, in its axes [N, N m].
         deflection: (k, n) of the joints [rad, m].
         friction: (k, n) share of the joints' friction that is drawn, -1 to 1.
+        bodies: (k, n + 1, 6) motion of each body, in its axes [m, rad]; None: not kept.
     """
 
     frames: Frames
@@ -40,6 +41,7 @@ class Statics:
     wrench: FloatArray
     deflection: FloatArray
     friction: FloatArray
+    bodies: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,8 +215,10 @@ class Bodies:
         """(k, 6, p)."""
         twists, found = state.frames.twists, []
         for body in np.unique(self.body):
-            moved = np.einsum("pij,kj->kip", self.basis[self.body == body], state.wrench[:, body])
-            found.append(twists[:, body] @ moved)
+            basis = self.basis[self.body == body]
+            # As one product of matrices: (k, 6) with (6, 6 p).
+            flat = state.wrench[:, body] @ basis.transpose(2, 1, 0).reshape(6, -1)
+            found.append(twists[:, body] @ flat.reshape(-1, 6, basis.shape[0]))
         return np.concatenate(found, axis=2)
 
     def compliance(self, values: FloatArray, bodies: int) -> FloatArray:
@@ -252,6 +256,7 @@ class Varying:
     scale: FloatArray
     over: Variation
     rung = Rung.VARYING
+    _last: list[tuple[FloatArray, list[FloatArray]]] = field(default_factory=list, repr=False)
 
     @property
     def joint(self) -> IntArray:
@@ -263,10 +268,18 @@ class Varying:
         """Number of features of all joints."""
         return sum(part.size for part in self.over.middle)
 
+    def _features(self, state: Statics) -> list[FloatArray]:
+        """(k, r) of each joint; those of the last joints are kept, as an iteration's stay."""
+        if self._last and self._last[0][0] is state.joints:
+            return self._last[0][1]
+        found = self.over.features(state.joints)
+        self._last[:] = [(state.joints, found)]
+        return found
+
     def _along(self, state: Statics) -> FloatArray:
         """(k, p) motion of the parameter's joint."""
         joint = self.joint
-        features = np.concatenate(self.over.features(state.joints), axis=1)
+        features = np.concatenate(self._features(state), axis=1)
         return np.asarray(features * (self.scale * state.torque)[:, joint])
 
     def columns(self, state: Statics) -> FloatArray:
@@ -282,7 +295,10 @@ class Varying:
             state: of the arm.
             motion: filled.
         """
-        np.add.at(motion.joints.T, self.joint, (values * self._along(state)).T)
+        ends = np.cumsum([part.size for part in self.over.middle])[:-1]
+        for j, own in enumerate(np.split(values, ends)):
+            factor = self._features(state)[j] @ own
+            motion.joints[:, j] += factor * self.scale[j] * state.torque[:, j]
 
 
 @dataclass(frozen=True, eq=False)
