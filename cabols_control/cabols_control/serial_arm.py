@@ -24,6 +24,11 @@ FLANGES = ("tool0", "flange")
 NO_FLANGE = ("camera", "optical", "lidar", "laser", "imu", "sensor", "finger", "gripper")
 """Words in the names of links that are never taken for the flange unasked."""
 
+WITHOUT_JOINTS = ("link", "gazebo", "transmission", "material")
+"""Elements of a robot in which no joints are."""
+SHOWN = 6
+"""Links that a message names."""
+
 ATTRIBUTES = {
     "origin": ("xyz", "rpy"),
     "axis": ("xyz",),
@@ -91,7 +96,7 @@ def read_serial_arm(
     except (OSError, ParseError, DefusedXmlException, ValueError, LookupError) as error:
         _refuse_xacro(path, getattr(error, "code", 0) == codes[XML_ERROR_UNBOUND_PREFIX])
         raise ConfigError(f"{path}: expected a URDF, got {error}") from error
-    _refuse_xacro(path, any("xacro" in str(one.tag) for one in root.iter()) or _holds_terms(root))
+    _refuse_xacro(path, _is_template(root))
     if root.tag != "robot":
         raise ConfigError(
             f"{path}: expected a URDF, whose root is <robot>, got <{root.tag}>; convert it to URDF"
@@ -156,9 +161,14 @@ def _refuse_xacro(path: str | Path, is_xacro: bool) -> None:
         )
 
 
-def _holds_terms(root: Element) -> bool:
-    values = [value for one in root.iter() for value in one.attrib.values()]
-    return any("${" in value or "$(" in value for value in values)
+def _is_template(root: Element) -> bool:
+    """Whether macros or terms are left where joints are; in a link's looks they do no harm."""
+    parts = [one for one in root if one.tag not in WITHOUT_JOINTS]
+    elements = [element for part in parts for element in part.iter()]
+    elements += [one for one in root if one.tag == "link"]
+    values = [value for one in elements for value in one.attrib.values()]
+    macros = any("xacro" in str(one.tag) for one in elements)
+    return macros or any("${" in value or "$(" in value for value in values)
 
 
 def _above(root: Element, path: str | Path) -> dict[str, Element]:
@@ -187,10 +197,21 @@ def _flange(root: Element, above: dict[str, Element], path: str | Path) -> str:
             return name
     if len(ends) == 1 and not any(word in ends[0].lower() for word in NO_FLANGE):
         return ends[0]
+    # Those behind most moving joints first: one of them is meant.
+    moving = {name: _moving(name, above, path) for name in ends}
+    ends.sort(key=lambda name: (-moving[name], any(word in name.lower() for word in NO_FLANGE)))
+    more = f" and {len(ends) - SHOWN} more" if len(ends) > SHOWN else ""
+    behind = [f"{name} (behind {moving[name]} joints)" for name in ends[:SHOWN]]
     raise NotSerialError(
         f"{path}: expected one link that carries no other, or one of {', '.join(FLANGES)}; got "
-        f"{', '.join(ends) or 'none'}"
+        f"{', '.join(behind) or 'none'}{more}"
     )
+
+
+def _moving(name: str, above: dict[str, Element], path: str | Path) -> int:
+    """How many joints that move are on the way to a link."""
+    way = _way_to(name, above, path) if name in above else []
+    return sum(joint.get("type") != "fixed" for joint in way)
 
 
 def _way_to(name: str, above: dict[str, Element], path: str | Path) -> list[Element]:

@@ -226,7 +226,9 @@ def _with_likely_priors(
             found.append(one)
             continue
         likely = float(np.sqrt(np.mean(values[here] ** 2 + spread[here])))
-        found.append(replace(one, prior=float(np.clip(likely, one.prior / 3.0, 3.0 * one.prior))))
+        # One pair of joints may be coupled and all others not: the size of all says little of it.
+        least = one.prior if one.rung is Rung.COUPLING else one.prior / 3.0
+        found.append(replace(one, prior=float(np.clip(likely, least, 3.0 * one.prior))))
     return tuple(found)
 
 

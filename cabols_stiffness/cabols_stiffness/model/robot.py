@@ -346,7 +346,7 @@ def load_robot(
                 f"{source}: expected a frame named {tool_frame!r}, got none that a chain of joints "
                 f"leads to: {error}"
             ) from error
-        raise ConfigError(f"{error}; name the link that carries the tool") from error
+        raise ConfigError(f"{error}; name the link that carries the tool (--tip)") from error
     if len(arm.joints) < least:
         got = ", ".join(arm.joints)
         if tool_frame:
