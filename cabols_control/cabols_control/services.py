@@ -22,7 +22,16 @@ class Service:
     action: bool = False
 
 
+LIFECYCLE = (
+    "change_state",
+    "get_state",
+    "get_available_states",
+    "get_available_transitions",
+    "get_transition_graph",
+)
+"""Services of a managed node, below its name; see cabols_hw.ros.managed_bridge."""
 PLANT, BRIDGE, ROBOT = "plant", "q8_ati_bridge", "abb_tracker_bridge"
+MANAGED = (PLANT, BRIDGE)
 CAMPAIGN = "stiffness_campaign"
 SERVICES = (
     Service("set_mode", ("supervisor",), ("console", "limb_controller", "load_program", CAMPAIGN)),

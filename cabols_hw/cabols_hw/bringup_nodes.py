@@ -17,6 +17,7 @@ BRIDGE = NodeSpec(
         "safety_file",
         "bias_file",
         "power_on_check",
+        "activate",
         "watchdog",
         "board",
         "cpu_latency_us",
@@ -64,6 +65,11 @@ ARGUMENTS = (
         "required: nothing but the check first_power_on moves before it has passed; skipped; auto: "
         "required of a rig, skipped for the simulated one",
         choices=("auto", "required", "skipped"),
+    ),
+    Argument(
+        "activate",
+        True,
+        "false: the amplifiers stay off until `ros2 lifecycle set` of the bridge says activate",
     ),
     Argument("board", "0", "number of the Q8 in this machine", kinds=("rig",)),
     Argument(

@@ -22,6 +22,7 @@ PLANT = NodeSpec(
         "safety_file",
         "bias_file",
         "power_on_check",
+        "activate",
         "robot_configurations_file",
         "watchdog",
         "cpu_latency_us",

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 from cabols_control.bringup.graph import all_nodes
 from cabols_control.bringup.specs import NodeSpec
 from cabols_control.command_line import DONE, CommandParser, command
-from cabols_control.services import SERVICES
+from cabols_control.services import LIFECYCLE, MANAGED, SERVICES
 from cabols_control.topics import FOREIGN, LIVE, NAMESPACE, TOPICS
 
 TEXT = """Write the SROS2 policy of the graph.
@@ -83,6 +83,9 @@ class Allowance:
         self.subscribe |= {*BESIDE_READ.get(name, ())}
         self.reply = {f"{name}/{service}" for service in PARAMETERS}
         self.reply |= {s.name for s in SERVICES if name in s.servers and not s.action}
+        if name in MANAGED:
+            self.reply |= {f"{name}/{service}" for service in LIFECYCLE}
+            self.publish.add(f"{name}/transition_event")
         self.request = {s.name for s in SERVICES if name in s.clients and not s.action}
         if name in ASKS_PARAMETERS:
             others = [other.executable for other in all_nodes() if other.joins]

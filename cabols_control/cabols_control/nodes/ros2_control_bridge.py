@@ -6,6 +6,7 @@ import sys
 import time
 
 import numpy as np
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
@@ -46,9 +47,7 @@ class Ros2ControlBridgeNode(ControlNode):
         self._wrench = Input(self, "wrench", wrench, self.lockstep, every=self._turns)
         self._mode = ModeInput(self, self.status.sessions, self.lockstep, every=SLOW_INPUT)
         self._joints = JointState(name=[*limb_joints(cables), *wrench_joints()])
-        self._states = self.create_publisher(
-            JointState, "limb_joint_states", topic_qos("limb_joint_states")
-        )
+        self._states = self.advertise("limb_joint_states")
         self._commands = JointCommands(cables, control.desired_timeout)
         self._setpoint = topics.desired_tension_layout(geometry).record()
         self._setpoint["limb"][:] = np.arange(cables)
@@ -102,7 +101,7 @@ class Ros2ControlBridgeNode(ControlNode):
         joints.position = np.concatenate((wound, nothing)).tolist()
         joints.velocity = np.concatenate((np.nan_to_num(rate), nothing)).tolist()
         joints.effort = np.concatenate((record["tension"], wrench)).tolist()
-        self._states.publish(joints)
+        self._states.publish(serialize_message(joints))
 
     def _take(self, command: JointState) -> None:
         """Send a command on as setpoints of all limbs; one that cannot be used is told."""

@@ -30,6 +30,9 @@ RESET_TRAVELS_S = 1.0
 SENDERS = 64
 """Reports are kept of this many nodes; a rig has about a dozen."""
 
+BARRED = frozenset({FaultName.NOT_HELD, FaultName.INACTIVE})
+"""Notices with which nothing may move."""
+
 
 @dataclass(frozen=True)
 class SupervisionConfig:
@@ -81,7 +84,7 @@ class Supervision:
         self._reports: dict[str, float] = {}
         self._untared: dict[str, str] = {}
         self._unchecked: dict[str, str] = {}
-        self._unheld: dict[str, str] = {}
+        self._barred: dict[str, Fault] = {}
         self._leaving: dict[str, tuple[str, float]] = {}
         self._recorded_s = np.inf
         self._complaints: dict[str, tuple[Fault, float]] = {}
@@ -211,8 +214,11 @@ class Supervision:
             node: its name.
             notice: what it says; None for nothing.
         """
+        if notice is not None and notice.name in BARRED:
+            self._note(self._barred, node, notice)
+        else:
+            self._barred.pop(node, None)
         for name, notes in (
-            (FaultName.NOT_HELD, self._unheld),
             (FaultName.FIRST_POWER_ON, self._unchecked),
             (FaultName.NOT_TARED, self._untared),
         ):
@@ -310,8 +316,9 @@ class Supervision:
         """
         before = self.mode
         if requested in MOVING:
-            for node, reason in self._unheld.items():
-                return Verdict(ResultCode.FAULT_REPORTED, f"{node}: {reason}", FaultName.NOT_HELD)
+            for node, bar in self._barred.items():
+                text = f"{node}: {bar.reason}"
+                return Verdict(ResultCode.FAULT_REPORTED, text, bar.name)
             for node, reason in self._still_leaving(now_s).items():
                 return Verdict(ResultCode.NOT_READY, f"{node}: {reason}")
             # A node with a fault does not count as running: its fault is the better answer.

@@ -26,6 +26,7 @@ from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
 from cabols_hw.ros.bias_keeper import BiasKeeper
 from cabols_hw.ros.bridge_safety import bridge_safety
+from cabols_hw.ros.managed_bridge import INACTIVE, ManagedBridge
 from cabols_hw.ros.pose_input import PoseInput
 from cabols_hw.ros.power_on import PowerOnGate
 from cabols_hw.ros.warm_up import warm_up_guard
@@ -46,7 +47,7 @@ LOCKSTEP_PATIENCE_S = 20.0
 DaqFactory = Callable[["BridgeNode", Rig, CardConfig], Daq]
 
 
-class BridgeNode(ControlNode):
+class BridgeNode(ManagedBridge, ControlNode):
     """Bridge between a card and the graph.
 
     In real time one thread reads the card, which paces it, and publishes; another writes each
@@ -67,7 +68,8 @@ class BridgeNode(ControlNode):
             name: node name.
             make_daq: makes the card's back end; may declare parameters of its own.
         """
-        super().__init__(name)
+        ManagedBridge.__init__(self)
+        ControlNode.__init__(self, name)
         card_file = declare_row(self, HW_NODES.argument("card_file"))
         self._card = load_card(self.rig_folder, card_file)
         self._card.wiring.require_limbs(self.rig.geometry.cables)
@@ -123,6 +125,7 @@ class BridgeNode(ControlNode):
         self._stop = threading.Event()
         self._stops = StopLatch(self, self._press_stop, self._guard.release_stop)
         self._failure: BaseException | None = None
+        self.manage(declare_row(self, HW_NODES.argument("activate")), self._why_busy)
         body = self._lockstep_body if self.lockstep else self._sample_body
         self._threads = [threading.Thread(target=self._run_thread, args=(body,), daemon=True)]
         if not self.lockstep:
@@ -162,6 +165,12 @@ class BridgeNode(ControlNode):
         if mode != OperatingMode.UNLOADING and self._newest_s - self._end_asked_s > HELP_S:
             guard.ending = True
         return False
+
+    def _why_busy(self) -> str:
+        """Why the amplifiers may not be kept off now; empty if they may."""
+        if self._mode in MOVING:
+            return self._mode.name
+        return "a load that comes off" if self._guard.recovering else ""
 
     def _follow(self, session: int) -> None:
         """Say in the limb states whose modes are followed."""
@@ -333,8 +342,9 @@ class BridgeNode(ControlNode):
         expired = self.daq.watchdog_expired
         if self._guard.sample(1e-9 * sample.time_ns, self.bridge, self._mode, expired):
             self._write()
-        if self._guard.enabled != self._enabled:
-            self._enabled = self._guard.enabled
+        enabled = self._guard.enabled and self.active
+        if enabled != self._enabled:
+            self._enabled = enabled
             self.daq.enable(self._enabled)
         # After a fault the guard alone decides: it may have to brake, or to give way to the robot.
         if expired and (self._mode not in MOVING or self._guard.fault is not None):
@@ -351,7 +361,8 @@ class BridgeNode(ControlNode):
         record = self._mode_input.record
         # The number first: a sample in between must not use the new mode with the old zeros.
         self._zeroing = int(record["zeroing"])
-        self._mode = OperatingMode(int(record["mode"]))
+        mode = OperatingMode(int(record["mode"]))
+        self._mode = mode if self.active or mode not in MOVING else OperatingMode.STOPPED
         if self._mode != OperatingMode.FAULT:
             return
         if int(record["cause"]) == Cause.EMERGENCY_STOP:
@@ -368,7 +379,8 @@ class BridgeNode(ControlNode):
         self.status.late = self.daq.late
         # Until then the supervisor allows no motion: a load without a pose is a fault.
         # Nor before the first tare is decided, which needs cables that nothing winds in.
-        ready = self._answered and self._poses.used and self.bridge.sensor_tare.judged
+        heard = self._answered and self._poses.used
+        ready = self.active and heard and self.bridge.sensor_tare.judged
         answered = RUNNING if ready else WAITING
         if self.status.cycles % NOTICE_EVERY == 0:
             resting = self._mode not in MOVING and not self._guard.unloading.active
@@ -378,6 +390,8 @@ class BridgeNode(ControlNode):
             self.status.cycle(stamp_ns, FAULT, self._stops.fault)
         elif fault is not None:
             self.status.cycle(stamp_ns, FAULT, fault.told())
+        elif not self.active:
+            self.status.cycle(stamp_ns, answered, INACTIVE)
         else:
             self.status.cycle(stamp_ns, answered, self._refused or self._notice)
         self.tidy()
