@@ -41,7 +41,7 @@ LIMB_CONTROLLER = NodeSpec(
 WRENCH_CONTROLLER = NodeSpec(
     "cabols_control",
     "wrench_controller",
-    ("wrench", "desired_wrench", "desired_tension", "platform_pose", "mode", "sensor_tare"),
+    ("wrench", "desired_wrench", "desired_tension", "platform_pose", "mode"),
     ("tension_command", "frame_wrench", "loop_status"),
     role=Role.CONTROLLER,
     takes=(

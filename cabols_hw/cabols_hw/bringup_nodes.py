@@ -9,7 +9,7 @@ BRIDGE = NodeSpec(
     "cabols_hw",
     "q8_ati_bridge",
     ("motor_current", "platform_pose", "path_motion", "mode"),
-    ("limb_state", "wrench", "sensor_tare", "loop_status"),
+    ("limb_state", "wrench", "loop_status"),
     role=Role.CLOCK,
     takes=(
         *OF_EVERY_LOOP,

@@ -14,7 +14,7 @@ PLANT = NodeSpec(
     "cabols_sim",
     "plant",
     ("motor_current", "tension_command", "path_motion", "mode"),
-    ("limb_state", "wrench", "platform_pose", "sensor_tare", "loop_status"),
+    ("limb_state", "wrench", "platform_pose", "loop_status"),
     role=Role.SIMULATION,
     takes=(
         *OF_EVERY_LOOP,

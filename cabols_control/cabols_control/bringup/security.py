@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from cabols_control.bringup.graph import all_nodes
-from cabols_control.bringup.specs import NodeSpec
+from cabols_control.bringup.specs import NodeSpec, Role
 from cabols_control.command_line import DONE, CommandParser, command
 from cabols_control.services import LIFECYCLE, MANAGED, SERVICES
 from cabols_control.topics import FOREIGN, LIVE, NAMESPACE, TOPICS
@@ -42,12 +42,15 @@ BESIDE_READ = {
     "supervisor": ("operator_heartbeat",),
     "pose_estimator": ("reflector_measurement",),
     "recorder": tuple(FOREIGN),
+    "wrench_controller": ("sensor_tare",),
 }
 """What nodes read beside the graph's rows, for which no clock and no loop waits."""
 BESIDE_PUBLISHED = {
     "recorder": ("recording",),
     "frames": ("/tf", "/tf_static", "robot_description"),
 }
+BY_CLOCK = ("sensor_tare",)
+"""What the node whose samples are the graph's clock publishes beside its row."""
 ASKS_PARAMETERS = ("recorder",)
 """Nodes that write into a bag what the others run with."""
 ASKED = ("list_parameters", "get_parameters")
@@ -78,6 +81,7 @@ class Allowance:
         # A node that will take a role listens first whether another one has it.
         self.publish = {*node.writes, *EVERYBODYS_PUBLISHED, *STOPS}
         self.publish |= {*BESIDE_PUBLISHED.get(name, ())}
+        self.publish |= {*(BY_CLOCK if node.role == Role.CLOCK else ())}
         self.publish |= {LIVE + topic for topic in node.writes if LIVE + topic in live}
         self.subscribe = {*node.reads, *node.writes, *EVERYBODYS_READ, *STOPS, *live}
         self.subscribe |= {*BESIDE_READ.get(name, ())}
