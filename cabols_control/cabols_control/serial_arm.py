@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,7 +93,7 @@ def read_serial_arm(
         ConfigError: if the file is no URDF.
     """
     try:
-        root = Xml.parse(str(path)).getroot()
+        root = _parsed(path)
     except (OSError, ParseError, DefusedXmlException, ValueError, LookupError) as error:
         _refuse_xacro(path, getattr(error, "code", 0) == codes[XML_ERROR_UNBOUND_PREFIX])
         raise ConfigError(f"{path}: expected a URDF, got {error}") from error
@@ -148,6 +149,20 @@ def read_serial_arm(
         flange_position=position,
         flange_rotation=rotation,
     )
+
+
+def _parsed(path: str | Path) -> Element:
+    """Root of a URDF; names of simulators' sensors may have a prefix that nobody declared."""
+    try:
+        return Xml.parse(str(path)).getroot()
+    except ParseError as error:
+        text = Path(path).read_text(encoding="utf-8")
+        if error.code != codes[XML_ERROR_UNBOUND_PREFIX] or "xacro:" in text:
+            raise
+        found = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]", text))
+        found -= {"xml", "xmlns", *re.findall(r"xmlns:([\w.-]+)\s*=", text)}
+        declared = " ".join(f'xmlns:{name}="undeclared:{name}"' for name in sorted(found))
+        return Xml.fromstring(re.sub(r"<robot\b", f"<robot {declared}", text, count=1).encode())
 
 
 def _refuse_xacro(path: str | Path, is_xacro: bool) -> None:
@@ -280,7 +295,9 @@ def _numbers(
 ) -> FloatArray:
     """Numbers of an attribute, finite."""
     found = joint.find(tag)
-    odd = [] if found is None else [key for key in found.attrib if key not in ATTRIBUTES[tag]]
+    # A name with a namespace is another program's own.
+    own = [] if found is None else [key for key in found.attrib if not key.startswith("{")]
+    odd = [key for key in own if key not in ATTRIBUTES[tag]]
     if odd or (tag == "axis" and found is not None and name not in found.attrib):
         raise ConfigError(
             f"{path}: {joint.get('name')!r}: expected {', '.join(ATTRIBUTES[tag])} in {tag}, got "

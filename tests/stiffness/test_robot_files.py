@@ -134,6 +134,49 @@ def test_link_or_locked_joint_of_a_table_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "more",
+    [
+        '<gazebo><sensor:camera name="eye"/></gazebo>',
+        '<link name="looks"><visual><xacro:grey xmlns:xacro="x"/></visual></link>'
+        '<joint name="l" type="fixed"><parent link="base"/><child link="looks"/></joint>',
+        '<gazebo><mesh filename="$(find arm)/a.stl"/></gazebo>',
+        '<transmission><type name="${kind}"/></transmission>',
+    ],
+)
+def test_what_has_no_joints_may_be_of_other_programs(tmp_path, more):
+    """As public URDFs have it: prefixes that nobody declared, macros left in a link's looks."""
+    path = tmp_path / "arm.urdf"
+    joint = (
+        '<joint name="j" type="revolute"><parent link="base"/><child link="tool0"/>'
+        '<axis xyz="0 0 1"/><limit xmlns:more="m" lower="-1" upper="1" more:acceleration="3"/>'
+        "</joint>"
+    )
+    links = '<link name="base"/><link name="tool0"/>'
+    path.write_text(f'<robot name="a">{links}{joint}{more}</robot>', encoding="utf-8")
+    assert load_robot(path, least=1).joint_names == ("j",)
+
+
+def test_candidates_for_the_flange_are_told_with_their_joints(tmp_path):
+    path = tmp_path / "arm.urdf"
+    links = "".join(f'<link name="{name}"/>' for name in ("base", "arm", "finger", "ee", "cover"))
+    joints = "".join(
+        f'<joint name="{child}_j" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-1" upper="1"/></joint>'
+        for parent, child, kind in (
+            ("base", "arm", "revolute"),
+            ("arm", "finger", "fixed"),
+            ("arm", "ee", "fixed"),
+            ("base", "cover", "fixed"),
+        )
+    )
+    path.write_text(f'<robot name="a">{links}{joints}</robot>', encoding="utf-8")
+    said = r"got ee \(behind 1 joints\), finger \(behind 1 joints\), cover \(behind 0"
+    with pytest.raises(ConfigError, match=said):
+        load_robot(path, least=1)
+    assert load_robot(path, "ee", least=1).n == 1
+
+
+@pytest.mark.parametrize(
     "text",
     [
         '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="a"><xacro:arm/></robot>',
