@@ -153,8 +153,9 @@ def read_serial_arm(
 
 def _parsed(path: str | Path) -> Element:
     """Root of a URDF; names of simulators' sensors may have a prefix that nobody declared."""
+    root: Element
     try:
-        return Xml.parse(str(path)).getroot()
+        root = Xml.parse(str(path)).getroot()
     except ParseError as error:
         text = Path(path).read_text(encoding="utf-8")
         if error.code != codes[XML_ERROR_UNBOUND_PREFIX] or "xacro:" in text:
@@ -162,7 +163,8 @@ def _parsed(path: str | Path) -> Element:
         found = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]", text))
         found -= {"xml", "xmlns", *re.findall(r"xmlns:([\w.-]+)\s*=", text)}
         declared = " ".join(f'xmlns:{name}="undeclared:{name}"' for name in sorted(found))
-        return Xml.fromstring(re.sub(r"<robot\b", f"<robot {declared}", text, count=1).encode())
+        root = Xml.fromstring(re.sub(r"<robot\b", f"<robot {declared}", text, count=1).encode())
+    return root
 
 
 def _refuse_xacro(path: str | Path, is_xacro: bool) -> None:

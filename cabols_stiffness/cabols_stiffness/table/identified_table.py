@@ -144,6 +144,10 @@ def summary(
             f"{name:16s} {result.stiffness[j]:11.5g} {unit:8s} {relative:6.2f} %    "
             f"{low:.5g} to {high:.5g}"
         )
+    lines.append(
+        "not in the deviations: what is wrong alike in all loads, as the gain of the whole sensor "
+        "(1 % of it is 1 % of every stiffness); --statement budgets it"
+    )
     return "\n".join(lines)
 
 

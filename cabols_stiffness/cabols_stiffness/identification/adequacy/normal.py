@@ -22,9 +22,16 @@ CERTAIN = 1e-4
 NONE = 1e-9
 """Relative eigenvalue below which a configuration says nothing along a direction."""
 
-ROUNDS = 2000
+CYCLES = 200
 SETTLED = 1e-5
-"""Relative change of the scatter that ends the rounds."""
+"""Relative change of the scatter's square that ends the rounds."""
+
+NEGLIGIBLE = 1e-5
+"""Scatter below which its change does not matter."""
+
+FARTHEST = 50.0
+MOST = 10.0
+"""Of a scatter on the way, relative."""
 
 START = 0.05
 """Scatter to begin with, relative."""
@@ -173,21 +180,21 @@ def random_effects(found: Blocks, joints: int) -> RandomEffects:
     precision = found.matrix * np.outer(unit, unit) / found.variance
     score = found.target * unit / found.variance
     c, tau = len(found.configuration), np.full(joints, START**2)
-    beside, across = precision[:, :, :joints], precision[:, :joints, :]
-    own = precision[:, :joints, :joints]
-    for _ in range(ROUNDS):
-        inner = np.linalg.inv(own + np.diag(1.0 / tau))
-        weight = precision - beside @ inner @ across
-        pull = score - np.einsum("cij,cjk,ck->ci", beside, inner, score[:, :joints])
-        covariance = np.linalg.pinv(weight.sum(axis=0), rcond=NONE, hermitian=True)
-        change = covariance @ pull.sum(axis=0)
-        effect = np.einsum("cij,cj->ci", inner, score[:, :joints] - across @ change)
-        lead = inner @ across
-        spread = inner + lead @ covariance @ lead.swapaxes(1, 2)
-        before, tau = tau, np.mean(effect**2 + np.einsum("cjj->cj", spread), axis=0)
-        tau = np.maximum(tau, LEAST**2)
-        if (np.abs(tau - before) <= SETTLED * tau + LEAST**2).all():
+    solved = _solved(precision, score, tau)
+    for _ in range(CYCLES):
+        # Two rounds, and as far as they lead (SQUAREM: Varadhan and Roland, Scandinavian Journal of
+        # Statistics 35 (2008) 335), in logarithms: scatter that is none goes down for ever.
+        first = solved.tau
+        second = _solved(precision, score, first).tau
+        step, bend = np.log(first / tau), np.log(second / first) - np.log(first / tau)
+        size = float(np.linalg.norm(step)) / max(float(np.linalg.norm(bend)), 1e-300)
+        size = float(np.clip(size, 1.0, FARTHEST))
+        tau = np.clip(np.exp(np.log(tau) + 2.0 * size * step + size**2 * bend), LEAST**2, MOST**2)
+        tau = _solved(precision, score, tau).tau
+        solved = _solved(precision, score, tau)
+        if (np.abs(solved.tau - tau) <= SETTLED * tau + NEGLIGIBLE**2).all():
             break
+    tau, covariance, change = solved.tau, solved.covariance, solved.change
     fixed = np.diag(np.linalg.pinv(precision.sum(axis=0), rcond=NONE, hermitian=True))[:joints]
     total = np.diag(covariance)[:joints]
     share = np.clip(1.0 - fixed / np.maximum(total, 1e-300), 0.0, 1.0)
@@ -200,6 +207,31 @@ def random_effects(found: Blocks, joints: int) -> RandomEffects:
     return RandomEffects(
         change, covariance * np.outer(to_mean, to_mean), np.sqrt(tau) * to_mean[:joints], freedom
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Of expectation maximisation: (n,) squares of the scatter, mean and its covariance before."""
+
+    tau: FloatArray
+    covariance: FloatArray
+    change: FloatArray
+
+
+def _solved(precision: FloatArray, score: FloatArray, tau: FloatArray) -> _Round:
+    """One round from the squares tau (n,) of the scatter."""
+    joints = tau.size
+    beside, across = precision[:, :, :joints], precision[:, :joints, :]
+    inner = np.linalg.inv(precision[:, :joints, :joints] + np.diag(1.0 / tau))
+    weight = precision - beside @ inner @ across
+    pull = score - np.einsum("cij,cjk,ck->ci", beside, inner, score[:, :joints])
+    covariance = np.linalg.pinv(weight.sum(axis=0), rcond=NONE, hermitian=True)
+    change = covariance @ pull.sum(axis=0)
+    effect = np.einsum("cij,cj->ci", inner, score[:, :joints] - across @ change)
+    lead = inner @ across
+    spread = inner + lead @ covariance @ lead.swapaxes(1, 2)
+    found = np.mean(effect**2 + np.einsum("cjj->cj", spread), axis=0)
+    return _Round(np.maximum(found, LEAST**2), covariance, change)
 
 
 def whitened_by_scatter(joints: FloatArray, size: FloatArray, values: FloatArray) -> FloatArray:
