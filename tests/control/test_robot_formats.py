@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from cabols_control.errors import CabolsError, DataFileError
+from cabols_control.kinematics import cable_lengths
 from cabols_control.motion import Motion
 from cabols_control.workspace.formats.caspr import read_caspr, write_caspr
 from cabols_control.workspace.formats.cdpyr import read_cdpyr, write_cdpyr
@@ -199,3 +200,97 @@ def test_mistakes_in_a_robot_are_named(tmp_path, spoil, named):
 def test_wrong_files_are_refused(tmp_path, files):
     words = [str(tmp_path / name) for name in files]
     assert workspace(["import", *words, "--output", str(tmp_path / "robot.yaml")]) != 0
+
+
+def leaving_point(foot, along, far, radius):
+    """Where a cable leaves a swivelling wheel, and its arc: CASPR's model in its own steps."""
+    plane = np.cross(along, far - foot)
+    inwards = np.cross(plane, along)
+    centre = foot + radius * inwards / np.linalg.norm(inwards)
+    share = radius / np.linalg.norm(far - centre)
+    turned = np.cross(plane / np.linalg.norm(plane), far - centre)
+    leaves = centre + share**2 * (far - centre) - share * np.sqrt(1.0 - share**2) * turned
+    angle = np.arccos((foot - centre) @ (leaves - centre) / radius**2)
+    return leaves, radius * angle
+
+
+WHEELS = [
+    ((x, y, z), (0.0, 0.0, 1.0 if z else -1.0)) for x in (-1, 1) for y in (-1, 1) for z in (0, 2)
+]
+
+
+def pulley_model(tmp_path, radius="0.045", tag="base_rotating_pulley"):
+    """A spatial model of eight cables over wheels, as CASPR writes one."""
+    rows = "".join(
+        f'<cable_ideal name="c{k}" attachment_reference="joint"><properties>'
+        "<force_min>1</force_min>"
+        f"<force_max>9999999999</force_max></properties><attachments><{tag}>"
+        f"<fixed_location>{x} {y} {z}</fixed_location><pulley_radius>{radius}</pulley_radius>"
+        f"<cable_entry_vector>{along[0]} {along[1]} {2 * along[2]}</cable_entry_vector></{tag}>"
+        f"<attachment><link>1</link><location>{0.1 * y} {-0.1 * x} {0.1 - 0.1 * z}</location>"
+        "</attachment></attachments></cable_ideal>"
+        for k, ((x, y, z), along) in enumerate(WHEELS)
+    )
+    bodies, cables = tmp_path / "wheels_bodies.xml", tmp_path / "wheels_cables.xml"
+    given = {"joint": "SPATIAL_EULER_XYZ", "at": "0.1 -0.1 0.4 0.1 0.2 -0.1"}
+    bodies.write_text(BODIES.format(**given), encoding="utf-8")
+    text = f'<cables default_cable_set="one"><cable_set id="one">{rows}</cable_set></cables>'
+    cables.write_text(text, encoding="utf-8")
+    return bodies, cables
+
+
+def test_wheels_of_caspr_have_caspr_s_lengths(tmp_path):
+    robot = tmp_path / "robot.yaml"
+    assert workspace(["import", *map(str, pulley_model(tmp_path)), "--output", str(robot)]) == 0
+    geometry = load_robot(geometry=robot).geometry
+    pose = (geometry.reference_position, geometry.reference_rotation)
+    for k, length in enumerate(cable_lengths(geometry, *pose)):
+        far = pose[0] + pose[1] @ geometry.platform_points[k]
+        foot, along = np.array(WHEELS[k][0], dtype=float), np.array(WHEELS[k][1])
+        leaves, arc = leaving_point(foot, along, far, 0.045)
+        assert length == pytest.approx(np.linalg.norm(far - leaves) + arc, abs=1e-12)
+    out = tmp_path / "out"
+    words = ["export", "--geometry", str(robot), "--format", "caspr", "--output", str(out)]
+    assert workspace([*words, "--name", "again"]) == 0
+    again = read_caspr(out / "again_bodies.xml", out / "again_cables.xml")
+    np.testing.assert_allclose(again.pulley_radius, 0.045)
+    np.testing.assert_allclose(again.pulley_axes, geometry.pulley_axes)
+    np.testing.assert_allclose(again.base_points, geometry.base_points)
+
+
+def test_limits_that_stand_for_none_are_said(tmp_path):
+    found = read_caspr(*pulley_model(tmp_path))
+    assert found.tension_max.max() == 1e8
+    assert any("stand for none" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        ({"radius": "-0.1"}, "cable 1: expected a radius from 0"),
+        ({"radius": "nan"}, "cable 1: pulley_radius"),
+        ({"radius": ""}, "cable 1: pulley_radius"),
+        ({"tag": "screw_base_rotating_pulley"}, "got screw_base_rotating_pulley"),
+    ],
+)
+def test_wheels_that_are_none_are_named(tmp_path, given, named):
+    with pytest.raises(DataFileError, match=named):
+        read_caspr(*pulley_model(tmp_path, **given))
+
+
+def test_a_spring_without_a_motor_is_no_cable(tmp_path):
+    bodies, cables = caspr_files(tmp_path)
+    text = cables.read_text().replace("cable_linear_spring", "cable_passive_linear_spring", 1)
+    text = text.replace("</cable_linear_spring>", "</cable_passive_linear_spring>", 1)
+    cables.write_text(text)
+    with pytest.raises(DataFileError, match=r"cable 1.*which pulls by itself"):
+        read_caspr(bodies, cables)
+
+
+def test_a_point_mass_with_a_joint_in_space_is_a_point(tmp_path, capsys):
+    ends = [(f"{x} {y} {z}", "0 0 0") for x in (-1, 1) for y in (-1, 1) for z in (0, 2)]
+    files = caspr_files(tmp_path, "SPATIAL_EULER_XYZ", "0 0 0.5 0 0 0", ends)
+    robot = tmp_path / "robot.yaml"
+    assert workspace(["import", *map(str, files), "--output", str(robot)]) == 0
+    assert "read as a point" in capsys.readouterr().out
+    assert load_robot(geometry=robot).geometry.motion is Motion.POINT

@@ -45,6 +45,10 @@ _ROWS = {
     Motion.PLANAR_XZ: (0, 2),
     Motion.PLANAR_YZ: (1, 2),
 }
+PULLEY = "base_rotating_pulley"
+"""Attachment over a swivelling wheel: the cable comes along the swivel's axis."""
+LARGEST_N = 1e8
+"""Largest tension of a robot file [N]."""
 LARGEST_FILE = 20_000_000
 """Bytes of a file beyond which it is none."""
 
@@ -131,19 +135,32 @@ def _read_cables(robot: ExchangedRobot, path: Path, wanted: str) -> None:
         )
     cables = [each for each in sets[name] if str(each.tag).startswith("cable_")]
     base, platform, limits = [], [], []
+    radius, axes = np.zeros(len(cables)), np.tile([0.0, 0.0, 1.0], (len(cables), 1))
     for index, cable in enumerate(cables):
         where = f"{path}: {cable_name(index)}"
+        if "passive" in str(cable.tag):
+            raise DataFileError(
+                f"{where}: expected a cable with a motor, got {cable.tag}, which pulls by itself"
+            )
         from_centre = cable.get("attachment_reference", "joint") == "com"
         ends: dict[int, FloatArray] = {}
-        attachments = list(cable.iter("attachment"))
+        attachments = list(cable.find("attachments") or ())
         for attachment in attachments:
+            if attachment.tag == PULLEY:
+                ends[0], radius[index], axes[index] = _pulley(where, attachment)
+                continue
+            if attachment.tag != "attachment":
+                raise DataFileError(
+                    f"{where}: expected an attachment or {PULLEY}, got {attachment.tag}"
+                )
             link = int(numbers(f"{where}: link", attachment.findtext("link") or "", 1)[0])
             place = numbers(f"{where}: location", attachment.findtext("location") or "", 3)
             ends[link] = place + robot.centre_of_mass if link and from_centre else place
         if len(attachments) != 2 or set(ends) != {0, 1}:
+            kinds = sorted({str(attachment.tag) for attachment in attachments})
             raise DataFileError(
-                f"{where}: expected one attachment on link 0, one on link 1, got "
-                f"{len(attachments)} on the links {sorted(ends)}"
+                f"{where}: expected one attachment or {PULLEY} on link 0, one attachment on link "
+                f"1, got {len(attachments)} ({', '.join(kinds)}) on the links {sorted(ends)}"
             )
         base.append(ends[0])
         platform.append(ends[1])
@@ -157,7 +174,27 @@ def _read_cables(robot: ExchangedRobot, path: Path, wanted: str) -> None:
         raise DataFileError(f"{path}: expected cables in the set {name!r}, got none")
     robot.base_points, robot.platform_points = np.array(base), np.array(platform)
     robot.tension_min, robot.tension_max = np.array(limits).T
-    robot.pulley_radius = np.zeros(len(cables))
+    if (robot.tension_max > LARGEST_N).any():
+        robot.tension_max = np.minimum(robot.tension_max, LARGEST_N)
+        robot.notes.append(f"largest tensions above {LARGEST_N:g} N stand for none: taken as that")
+    robot.pulley_radius = radius
+    if radius.any():
+        robot.pulley_axes = axes
+
+
+def _pulley(where: str, pulley: ElementTree.Element) -> tuple[FloatArray, float, FloatArray]:
+    """Where the cable meets the groove, radius, unit vector along which it comes."""
+
+    def values(key: str, count: int) -> FloatArray:
+        return numbers(f"{where}: {key}", pulley.findtext(key) or "", count)
+
+    radius, along = float(values("pulley_radius", 1)[0]), values("cable_entry_vector", 3)
+    length = float(np.linalg.norm(along))
+    if not (radius >= 0.0 and length > 0.0):
+        raise DataFileError(
+            f"{where}: expected a radius from 0 and a direction, got {radius:g} and {along}"
+        )
+    return values("fixed_location", 3), radius, along / length
 
 
 def _tree(path: Path) -> ElementTree.Element:
@@ -229,7 +266,15 @@ def write_caspr(robot: ExchangedRobot, folder: Path, name: str) -> list[Path]:
             _put(properties, "force_min", [robot.tension_min[index]])
             _put(properties, "force_max", [robot.tension_max[index]])
         attachments = ElementTree.SubElement(cable, "attachments")
+        pulley = robot.pulley_radius.size and robot.pulley_radius[index] > 0.0
+        if pulley and robot.pulley_axes is not None:
+            wheel = ElementTree.SubElement(attachments, PULLEY)
+            _put(wheel, "fixed_location", start)
+            _put(wheel, "pulley_radius", [robot.pulley_radius[index]])
+            _put(wheel, "cable_entry_vector", robot.pulley_axes[index])
         for number, place in enumerate((start, end)):
+            if number == 0 and pulley:
+                continue
             attachment = ElementTree.SubElement(attachments, "attachment")
             ElementTree.SubElement(attachment, "link").text = str(number)
             _put(attachment, "location", place)

@@ -62,7 +62,12 @@ def write_robot(found: ExchangedRobot, path: Path, comment: str) -> None:
         CabolsError: if the robot is degenerate.
     """
     pose = (np.asarray(found.position), np.asarray(found.rotation))
-    motion = found.motion or motion_of(found.base_points, found.platform_points, *pose)
+    guessed = motion_of(found.base_points, found.platform_points, *pose)
+    motion = found.motion or guessed
+    if motion is Motion.SPATIAL and guessed is Motion.POINT:
+        # Other programs give a point mass a joint in space, too.
+        print("note: all cables meet in one point: the platform is read as a point")
+        motion = Motion.POINT
     geometry = RigGeometry(
         found.base_points,
         found.platform_points,
@@ -97,8 +102,6 @@ def run_export(options: argparse.Namespace, robot: Robot) -> None:
         lost.append("bodies")
     if np.isfinite(robot.geometry.cable_length_max):
         lost.append("cable_length_max")
-    if options.format == "caspr" and robot.geometry.has_pulleys:
-        lost.append("pulley_radius")
     if options.format == "cdpyr":
         lost.append("tension_min")
     with output_folder(options.output, "workspace", keep=True) as folder:
