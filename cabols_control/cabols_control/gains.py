@@ -116,6 +116,8 @@ def _positive(name: str, value: float) -> float:
 def _characteristic(poles: ArrayLike, order: int) -> FloatArray:
     """Coefficients of prod(s - p), highest power first."""
     values = np.asarray(poles, dtype=np.complex128)
+    if np.ma.is_masked(poles):
+        raise ShapeError(f"poles: expected {order} poles without a mask, got {poles!r}")
     if values.shape != (order,) or not np.isfinite(values).all():
         raise ShapeError(f"poles: expected {order} finite poles, got {poles!r}")
     if not values.real.max() < 0.0:

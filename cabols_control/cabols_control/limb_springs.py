@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array
-from cabols_control.errors import ConfigError
+from cabols_control.errors import ConfigError, ShapeError
 from cabols_control.naming import limb_name
 
 
@@ -30,15 +31,23 @@ class LimbSprings:
     fixed: FloatArray
     per_metre: FloatArray
 
-    def stiffness(self, length: FloatArray) -> FloatArray:
+    def stiffness(self, length: ArrayLike) -> FloatArray:
         """(..., n) k_e of the limbs at the cables' lengths [N/m].
 
         Args:
             length: (..., n) of the cables [m].
+
+        Raises:
+            ShapeError: if the lengths are of another number of cables.
         """
+        given = np.asarray(length, dtype=np.float64)
+        if given.shape[-1:] != self.nominal.shape:
+            raise ShapeError(
+                f"length: expected the last axis of {self.nominal.size} cables, got {given.shape}"
+            )
         if not self.per_metre.any():
-            return np.broadcast_to(self.nominal, np.shape(length))
-        return np.asarray(1.0 / (self.fixed + self.per_metre * length), dtype=np.float64)
+            return np.broadcast_to(self.nominal, given.shape)
+        return np.asarray(1.0 / (self.fixed + self.per_metre * given), dtype=np.float64)
 
 
 def limb_springs(

@@ -14,9 +14,11 @@ from cabols_control.calibration.model import Readings
 from cabols_control.errors import ShapeError
 from cabols_control.forward_kinematics import PoseFinder, PoseRegion
 from cabols_control.forward_kinematics.pose import stretched_lengths
+from cabols_control.gains import wrench_gains
 from cabols_control.geometry import RigGeometry, load_geometry
 from cabols_control.kinematics import cable_lengths, direction_gradients, structure_matrix
-from cabols_control.limb import identify_limb
+from cabols_control.limb import LimbModel, identify_limb
+from cabols_control.limb_springs import limb_springs
 from cabols_control.realtime.kernel_signatures import compiled_since, specialisations
 from cabols_control.registration.reflectors import RegistrationError, register_pose
 from cabols_control.tension import METHODS, RigTensionResolver, TensionResolver, distribute
@@ -32,6 +34,7 @@ from cabols_control.workspace.elastic import (
     tension_stiffness,
     yield_under,
 )
+from cabols_control.workspace.grid import box_grid
 from cabols_control.workspace.interference import clearance_along
 from cabols_control.workspace.surface import level_surface
 from cabols_control.workspace.wrench_set import wrench_box, wrench_polytope, wrench_zonotope
@@ -89,7 +92,30 @@ LENGTHS = cable_lengths(PULLEYS, POSITION, EYE)
 REGION = PoseRegion(BENCH.reference_position, BENCH.reference_rotation, np.full(3, 0.3), 0.3)
 FINDER = PoseFinder(PULLEYS, 1e-4, REGION)
 
+TEN = np.hstack([A, np.roll(A[:, :2], 1, axis=1) * [[1.0, -1.0]] + 0.1])
+
 ENTRIES = {
+    **{
+        f"distribute {method}, ten cables": (
+            lambda *words, method=method: distribute(*words, method).tension,
+            (TEN, TEN @ np.full(10, 40.0), np.full(10, 1.0), np.full(10, 150.0)),
+        )
+        for method in ("p_norm", "barycentre", "analytic_centre")
+    },
+    "wrench_gains": (
+        lambda *words: np.array(
+            [each.tension for each in wrench_gains([LimbModel(1.5, 0.3)] * 8, *words, 40.0).limbs]
+        ),
+        (SPRINGS, np.array([-10.0, -90.0, -40.0, -40.0])),
+    ),
+    "limb_springs": (
+        lambda *words: limb_springs(*words).stiffness(LENGTHS),
+        (SPRINGS, np.full(8, 15e3), LENGTHS),
+    ),
+    "box_grid": (
+        lambda *words: box_grid(*words[:2], (3, 2, 2), *words[2:]).positions,
+        (POSITION, np.full(3, 0.2), np.zeros((1, 3)), EYE),
+    ),
     "register_pose": (
         lambda *words: register_pose(*words).position,
         (REFLECTORS, REFLECTORS + POSITION, np.tile(1e-10 * EYE, (4, 1, 1))),

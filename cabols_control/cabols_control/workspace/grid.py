@@ -129,7 +129,9 @@ def box_grid(
         np.linspace(m - h, m + h, count) if count > 1 else np.array([m])
         for m, h, count in zip(middle, half, counts, strict=True)
     )
-    return PoseGrid(x, y, z, np.asarray(angles_deg), np.asarray(rotation))
+    # Not converted before its checks: that forgets the mask of a masked array.
+    angles = finite_array("angles_deg", angles_deg, (None, 3))
+    return PoseGrid(x, y, z, angles, finite_array("rotation", rotation, (3, 3)))
 
 
 def tilts(angle_deg: float) -> FloatArray:
