@@ -50,7 +50,7 @@ BESIDE_PUBLISHED = {
     "frames": ("/tf", "/tf_static", "robot_description"),
 }
 BY_CLOCK = ("sensor_tare",)
-"""What the node whose samples are the graph's clock publishes beside its row."""
+"""What a bridge, or the simulated rig in its place, publishes beside its row."""
 ASKS_PARAMETERS = ("recorder",)
 """Nodes that write into a bag what the others run with."""
 ASKED = ("list_parameters", "get_parameters")
@@ -81,7 +81,7 @@ class Allowance:
         # A node that will take a role listens first whether another one has it.
         self.publish = {*node.writes, *EVERYBODYS_PUBLISHED, *STOPS}
         self.publish |= {*BESIDE_PUBLISHED.get(name, ())}
-        self.publish |= {*(BY_CLOCK if node.role == Role.CLOCK else ())}
+        self.publish |= {*(BY_CLOCK if node.role in (Role.CLOCK, Role.SIMULATION) else ())}
         self.publish |= {LIVE + topic for topic in node.writes if LIVE + topic in live}
         self.subscribe = {*node.reads, *node.writes, *EVERYBODYS_READ, *STOPS, *live}
         self.subscribe |= {*BESIDE_READ.get(name, ())}
