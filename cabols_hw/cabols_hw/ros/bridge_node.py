@@ -24,9 +24,10 @@ from cabols_hw.bridge.scaling import CLOSINGS
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
+from cabols_hw.ros.answer_count import AnswerCount
 from cabols_hw.ros.bias_keeper import BiasKeeper
 from cabols_hw.ros.bridge_safety import bridge_safety
-from cabols_hw.ros.managed_bridge import INACTIVE, ManagedBridge
+from cabols_hw.ros.managed_bridge import INACTIVE, ManagedBridge, why_busy
 from cabols_hw.ros.pose_input import PoseInput
 from cabols_hw.ros.power_on import PowerOnGate
 from cabols_hw.ros.warm_up import warm_up_guard
@@ -34,7 +35,6 @@ from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import NOT_HELD
 from cabols_hw.safety.guard import BridgeGuard
 
-RING = 1024
 NOTICE_EVERY = 100
 """Cycles between two looks at what is worth a notice."""
 HELP_S = 1.0
@@ -114,18 +114,17 @@ class BridgeNode(ManagedBridge, ControlNode):
         self._lock = threading.Lock()
         self._mode = OperatingMode.STOPPED
         self._zeroing = 0
-        self._sequence = 0
-        self._answered = 0
+        self._count = AnswerCount()
         self._turns = 0
         self._newest_s = 0.0
         self._refused: Fault | None = None
         self._enabled = True
         self._end_asked_s = 0.0
-        self._sent_ns = np.zeros(RING, dtype=np.int64)
         self._stop = threading.Event()
         self._stops = StopLatch(self, self._press_stop, self._guard.release_stop)
         self._failure: BaseException | None = None
-        self.manage(declare_row(self, HW_NODES.argument("activate")), self._why_busy)
+        activate = declare_row(self, HW_NODES.argument("activate"))
+        self.manage(activate, lambda: why_busy(self._mode, self._guard.recovering))
         body = self._lockstep_body if self.lockstep else self._sample_body
         self._threads = [threading.Thread(target=self._run_thread, args=(body,), daemon=True)]
         if not self.lockstep:
@@ -165,12 +164,6 @@ class BridgeNode(ManagedBridge, ControlNode):
         if mode != OperatingMode.UNLOADING and self._newest_s - self._end_asked_s > HELP_S:
             guard.ending = True
         return False
-
-    def _why_busy(self) -> str:
-        """Why the amplifiers may not be kept off now; empty if they may."""
-        if self._mode in MOVING:
-            return self._mode.name
-        return "a load that comes off" if self._guard.recovering else ""
 
     def _follow(self, session: int) -> None:
         """Say in the limb states whose modes are followed."""
@@ -269,15 +262,15 @@ class BridgeNode(ManagedBridge, ControlNode):
             self.bridge.take(sample, self._mode, self._zeroing)
             current = 0.0 if self.daq.watchdog_expired else self.bridge.current
         self._supervise(sample)
-        self._sequence += 1
+        self._count.sent += 1
         self._newest_ns, self._newest_s = sample.time_ns, 1e-9 * sample.time_ns
         state, wrench = self._state, self._wrench
         state.stamp(sample.time_ns)
-        state["sequence"][0] = self._sequence
+        state["sequence"][0] = self._count.sent
         state["current"][:] = current
         wrench.stamp(sample.time_ns)
-        self.on_sample(sample.time_ns, self._sequence)
-        self._sent_ns[self._sequence % RING] = time.monotonic_ns()
+        self.on_sample(sample.time_ns, self._count.sent)
+        self._count.sending()
         self._send(state, wrench)
 
     def _send(self, state: Record, wrench: Record) -> None:
@@ -307,11 +300,8 @@ class BridgeNode(ManagedBridge, ControlNode):
         record = self._current_input.record
         sequence = int(record["sequence"])
         limbs, current = record["limb"], record["current"]
-        if not self._answered <= sequence <= self._sequence:
-            self._refuse(
-                f"motor_current: expected an answer to state {self._answered} to "
-                f"{self._sequence}, got {sequence}"
-            )
+        if complaint := self._count.complaint(sequence):
+            self._refuse(complaint)
             return
         if not self._guard.command(limbs, current, self._newest_s):
             count = self.rig.geometry.cables
@@ -320,12 +310,10 @@ class BridgeNode(ManagedBridge, ControlNode):
                 f"{current.tolist()} for {limbs.tolist()}"
             )
             return
-        if self._answered and sequence > self._answered + 1:
-            self.status.lost += sequence - self._answered - 1
-        self._answered = sequence
+        self.status.lost += self._count.take(sequence)
         self._refused = None
         if not self.lockstep:
-            self.status.round_trip.add(1e-9 * (now_ns - self._sent_ns[sequence % RING]))
+            self.status.round_trip.add(self._count.round_trip_s(sequence, now_ns))
         self._write()
 
     def _refuse(self, reason: str) -> None:
@@ -379,7 +367,7 @@ class BridgeNode(ManagedBridge, ControlNode):
         self.status.late = self.daq.late
         # Until then the supervisor allows no motion: a load without a pose is a fault.
         # Nor before the first tare is decided, which needs cables that nothing winds in.
-        heard = self._answered and self._poses.used
+        heard = self._count.answered and self._poses.used
         ready = self.active and heard and self.bridge.sensor_tare.judged
         answered = RUNNING if ready else WAITING
         if self.status.cycles % NOTICE_EVERY == 0:

@@ -10,12 +10,25 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 from rclpy.node import Node
 
 from cabols_control.supervision.faults import Fault, FaultName
+from cabols_control.supervision.modes import MOVING, OperatingMode
 
 INACTIVE = Fault(
     FaultName.INACTIVE,
     "inactive: the amplifiers stay off until `ros2 lifecycle set` of this node says activate",
 )
 DONE, REFUSED = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+
+
+def why_busy(mode: OperatingMode, recovering: bool) -> str:
+    """Why amplifiers may not be kept off now; empty if they may.
+
+    Args:
+        mode: that the bridge follows.
+        recovering: whether it takes a load off by itself.
+    """
+    if mode in MOVING:
+        return mode.name
+    return "a load that comes off" if recovering else ""
 
 
 class ManagedBridge(LifecycleNodeMixin):

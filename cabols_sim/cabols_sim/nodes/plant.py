@@ -223,7 +223,7 @@ class PlantNode(BridgeNode):
 
     def finished(self) -> bool:
         """Whether the requested number of steps is done."""
-        return 0 < self._steps <= self._sequence
+        return 0 < self._steps <= self._count.sent
 
 
 def main() -> int:
