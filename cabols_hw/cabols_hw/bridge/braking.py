@@ -66,6 +66,7 @@ class Braking:
     Attributes:
         current: (n,) newest output [A].
         active: whether it brakes.
+        braked: (n,) motors that it brakes; the others are free for what follows.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -75,6 +76,7 @@ class Braking:
             rig: limbs and limits.
         """
         self._motors = Motors(rig)
+        self.braked: BoolArray = np.zeros(rig.geometry.cables, dtype=np.bool_)
         self._end_s = -np.inf
         self.current = np.zeros(rig.geometry.cables)
         self.active = False
@@ -95,16 +97,17 @@ class Braking:
             now_s: now [s].
             speed: (n,) of the motors, winding in [m/s].
         """
-        fast = speed > STILL_M_S
-        if not self.active or now_s >= self._end_s or not fast.any():
+        self.braked = speed > STILL_M_S
+        if not self.active or now_s >= self._end_s or not self.braked.any():
             return self.stop()
         current = self._motors.current_for(np.zeros(speed.size), speed)
-        self.current[:] = np.where(fast, current, 0.0)
+        self.current[:] = np.where(self.braked, current, 0.0)
         return self.current
 
     def stop(self) -> FloatArray:
         """Rest: zero currents from now on."""
         self.active = False
+        self.braked[:] = False
         self.current[:] = 0.0
         return self.current
 

@@ -28,8 +28,8 @@ from cabols_hw.safety.first_power_on import PowerOnBound
 class BridgeGuard:
     """Decides about the amplifiers' currents, whatever the controllers command.
 
-    A reaction has up to three parts, one after the other: motors that wind in are braked; the
-    tensions are ramped down; where the platform's pose is lost, the limbs give way by their
+    A reaction has up to three parts, for each limb one after the other: motors that wind in are
+    braked; the tensions are ramped down; where the platform may move, the limbs give way by their
     switches.
 
     Attributes:
@@ -156,15 +156,8 @@ class BridgeGuard:
         Args:
             mode: newest mode.
         """
-        if self.braking.active:
-            return self.braking.current
-        if self.unloading.active:
-            # Limbs that are unloaded give way already, where they have to.
-            if not self.yielding.armed:
-                return self.unloading.current
-            return np.where(self.unloading.down, self.yielding.current, self.unloading.current)
-        if self.yielding.armed:
-            return self.yielding.current
+        if self._recovers:
+            return self._recovery()
         if mode not in MOVING or self.fault is not None or self._emergency:
             self._commanded[:] = 0.0
             return self._rest
@@ -175,6 +168,21 @@ class BridgeGuard:
         if mode == OperatingMode.COMMISSIONING:
             return self._commanded
         return np.minimum(self._commanded, self.safety.allowed_current, out=self._allowed)
+
+    def _recovery(self) -> FloatArray:
+        """(n,) currents of the bridge's own motions [A].
+
+        No limb waits for another one: those that stand are unloaded while others are braked, and
+        those that are unloaded give way, where they have to, while others are not.
+        """
+        current = self._rest
+        if self.yielding.armed:
+            current = self.yielding.current
+        if self.unloading.active:
+            current = np.where(self.unloading.down, current, self.unloading.current)
+        if self.braking.active:
+            current = np.where(self.braking.braked, self.braking.current, current)
+        return current
 
     def emergency_stop(self) -> None:
         """Cut, also an unloading of another fault; holds until STOPPED."""
@@ -252,13 +260,14 @@ class BridgeGuard:
         fault = self.fault
         if fault is not None and fault.name == FaultName.MOTION and self.safety.drives:
             self._rest_all()
-        if self.braking.active:
+        braked = self.braking.active
+        if braked:
             self.braking.step(now_s, speed)
-        if self.braking.active:
-            return
         tension = self.safety.tension_bound
         elongation = tension / bridge.limbs["stiffness"]
-        if self._unloads:
+        stands = braked and not self.braking.active and self.unloading.active
+        if self._unloads or stands:
+            # What was gained until all motors stand is unloaded with the rest.
             self._unloads = False
             self.unloading.begin(now_s, tension, elongation, self._trusted)
         elif self.unloading.active:

@@ -70,6 +70,11 @@ LIMB_WATCH = np.dtype(
         ("most_speed", np.float64),  # from which full current stops it in time [m/s]
         ("allowed", np.float64),  # current that makes it no faster than that [A]
         ("surge", np.float64),  # samples in a row with a current beyond all of them; their sign
+        ("most", np.float64),  # command of this block of time [A]
+        ("least", np.float64),  # likewise [A]
+        ("most_before", np.float64),  # of the block before [A]
+        ("least_before", np.float64),  # likewise [A]
+        ("block_s", np.float64),  # age of this block [s]
         ("stepped", np.float64),  # how long a step is still remembered [s]; 0: none
         ("surplus", np.float64),  # charge beyond all commands while it winds in [A s]
         ("against", np.float64),  # charge that pays it out while all commands wind in [A s]

@@ -22,6 +22,9 @@ SURPLUS_AS = 0.0035
 SURPLUS_STEP_AS = 0.00125
 """Most that one sample can add to it [A s]: a count that jumps, or begins to run away, is no
 current that lasts."""
+BLOCK_S = 0.016
+"""Commands of the last one to two blocks may explain such a charge [s]: a bridge that was held up
+and reads its buffer of 16 samples in haste does not know when its commands took effect."""
 STEPPED_S = 0.1
 """How long a step of the speed is remembered that no current explains, of a single sample: what
 follows is then the encoder's fault, not the amplifier's [s]."""
@@ -47,8 +50,7 @@ def note_surge(own: Any, quantum: float, speed: float, current: float, dt_s: flo
     before = own["last_speed"]
     mean_s = 0.5 * (dt_s + own["last_dt"])
     low = min(current, own["before"], own["earlier"], own["earliest"], 0.0)
-    commanded = max(current, own["before"], own["earlier"], own["earliest"])
-    high = max(commanded, 0.0)
+    high = max(current, own["before"], own["earlier"], own["earliest"], 0.0)
     own["earliest"], own["earlier"], own["before"] = own["earlier"], own["before"], current
     own["last_dt"] = dt_s
     inertia = own["time_constant"] / own["gain"]
@@ -62,12 +64,31 @@ def note_surge(own: Any, quantum: float, speed: float, current: float, dt_s: flo
         own["surge"] = 0.0
     lone = abs(counted) == 1.0 and abs(own["surge"]) <= 1.0 and dt_s <= LONG_SAMPLE_S
     own["stepped"] = STEPPED_S if lone else max(own["stepped"] - dt_s, 0.0)
+    _note_command(own, current, dt_s)
     # Speeds follow each other without a gap, so that the encoder's steps do not add up.
-    beyond = shown - commanded - SURPLUS_A - SURPLUS_SHARE * max(high, -low)
+    most, least = max(own["most"], own["most_before"]), min(own["least"], own["least_before"])
+    beyond = shown - most - SURPLUS_A - SURPLUS_SHARE * max(most, -least)
     own["surplus"] = _gathered(own["surplus"], beyond, mean_s, speed > 0.0)
     # A motor or an encoder that is reversed: it goes out although nobody pays out.
-    winds_in = min(current, own["earlier"], own["earliest"]) > 0.0 and speed < 0.0
+    winds_in = least >= 0.0 and current > 0.0 and speed < 0.0
     own["against"] = _gathered(own["against"], -shown - SURPLUS_A, mean_s, winds_in)
+
+
+@njit(cache=True)
+def _note_command(own: Any, current: float, dt_s: float) -> None:
+    """Keep the largest and the least command of this block of time and of the one before.
+
+    Args:
+        own: record of LIMB_WATCH.
+        current: on the amplifier [A].
+        dt_s: of the sample [s].
+    """
+    own["block_s"] += dt_s
+    if not own["block_s"] <= BLOCK_S:
+        own["most_before"], own["least_before"] = own["most"], own["least"]
+        own["most"] = own["least"] = current
+        own["block_s"] = 0.0
+    own["most"], own["least"] = max(own["most"], current), min(own["least"], current)
 
 
 @njit(cache=True)

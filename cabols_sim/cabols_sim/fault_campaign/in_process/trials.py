@@ -26,6 +26,9 @@ SEARCH_S = 4.0
 """Longest trial in PRETIGHTENING: from slack cables to the search's length and more [s]."""
 CREEP_N = 1.0
 """Growth that is left when a rig counts as safe, as of a robot that still brakes [N]."""
+REST_N = 7.0
+"""Tension at which limbs follow a robot without a load: growth of a slacker cable up to it is not
+counted [N]."""
 FULL_A, OFF_S, DRIVE_MARGIN = 5.0, 0.003, 1.2
 """An amplifier's own current that counts as full [A]; it must be off by then [s], within 20 %."""
 DOUBT_AS, DOUBT_A, DOUBT_SHARE = 0.0035, 0.25, 0.9
@@ -243,7 +246,8 @@ def _grown(
         found_s: when the fault was detected [s]; inf: never.
     """
     later = times > (found_s if np.isfinite(found_s) else -np.inf) - TICK_S
-    grown = tension[later].max(axis=0) - tension[later][0]
+    pulls = np.maximum(tension[later], REST_N)
+    grown = pulls.max(axis=0) - pulls[0]
     stretched = way[later].max(axis=0) - way[later][0]
     return grown, stretched
 
@@ -260,7 +264,7 @@ def _safe_s(times: FloatArray, tension: FloatArray, found_s: float) -> float | N
     """Time from detection until no limb's tension grows any more [s]; None without detection.
 
     Where none ever grows by TOLERANCE_N that is at once; else it is the first instant from which
-    on none of them grows by CREEP_N.
+    on none of them grows by CREEP_N. A cable below REST_N may be taken up to it.
 
     Args:
         times: (k,) [s].
@@ -270,7 +274,7 @@ def _safe_s(times: FloatArray, tension: FloatArray, found_s: float) -> float | N
     if not np.isfinite(found_s):
         return None
     after = times > found_s - TICK_S
-    later = tension[after]
+    later = np.maximum(tension[after], REST_N)
     growth = np.maximum.accumulate(later[::-1], axis=0)[::-1] - later
     if not growth[0].max() > TOLERANCE_N:
         return 0.0
