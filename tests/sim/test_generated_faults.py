@@ -44,6 +44,18 @@ def test_bridge_pays_out_alone_while_the_robot_moves(bench, seed):
     assert trial["peak_tension_n"] < ALONE_N
 
 
+@pytest.mark.parametrize("state", ["loading", "path under load"])
+def test_whichever_cable_breaks_no_other_and_no_axis_of_the_sensor_passes_its_limit(bench, state):
+    """Two draws of the cable; one that is slack may break unseen, the bounds hold for all."""
+    limits = bench._card.sensor_limits
+    for seed in range(2):
+        trial = run_trial(bench, kind(f"{state}: any cable breaks"), seed)
+        assert trial["healthy"]
+        assert trial["peak_tension_n"] < bench._safety.tension_max
+        assert (np.array(trial["peak_axes"]) < limits).all()
+        assert trial["found_by"] in ("cable", "")
+
+
 def test_same_seed_is_the_same_trial(bench):
     one, other = (run_trial(bench, kind("loading: encoder jumps"), 3) for _ in range(2))
     assert one == other

@@ -58,10 +58,12 @@ FREE = frozenset({"free", "robot moves"})
 LIGHT = FREE | SLACK | frozenset({"loading"})
 """States in which nothing depends on a fault: at rest a frozen count is a right one, without zeros
 no limb goes by pose or counts, only LOADING goes by tension commands. And 140 N on all limbs are
-within the envelope: whether a load is the one that was asked for, the bridge does not know."""
+within the envelope: whether a load is the one that was asked for, the bridge does not know. A
+cable that pulls no more than closes its switch may break unseen: the others hold what it held."""
 
 DISTURBANCES = (
     Disturbance("cable breaks", at_highest("cable_break"), SENSOR_S, FREE | SLACK),
+    Disturbance("any cable breaks", injected("cable_break"), LATE_S, RESTS | FREE | SLACK),
     Disturbance("switch stuck open", at_highest("switch_open"), SENSOR_S, FREE | SLACK),
     Disturbance("switch stuck closed", injected("switch_closed"), LATE_S, RESTS | FREE | ZEROING),
     Disturbance("all switches read open", several("switch_open", all_limbs), SEARCH_S, FREE),
