@@ -6,6 +6,7 @@ nothing stops or moves by its answers.
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from typing import NamedTuple
@@ -39,6 +40,8 @@ from cabols_control.supervision.faults import Fault as LoopFault
 from cabols_control.supervision.faults import FaultName
 
 PERIOD_S = 0.02
+NICE = 10
+"""It observes: on a busy computer the control loop comes first."""
 KINDS = {
     Fault.SWAPPED_ENCODERS: PoseAgreement.SWAPPED_ENCODERS,
     Fault.SLIPPED_CABLE: PoseAgreement.SLIPPED_CABLE,
@@ -166,6 +169,7 @@ def reading_of(message: ReflectorMeasurement) -> Measured:
 
 def main() -> int:
     """Entry point."""
+    os.nice(NICE)
     return run_node(PoseEstimatorNode)
 
 
