@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from cabols_control.cable_kernels import (
     cable_records,
     structure_matrix_unchecked,
 )
-from cabols_control.calibration.design import choose_stops
-from cabols_control.calibration.estimate import calibrate, errors_of, uses
+from cabols_control.calibration.design import GOALS, choose_stops, least_share
+from cabols_control.calibration.estimate import calibrate, errors_of, information, uses
 from cabols_control.calibration.model import Noise, Readings, courses, derivatives
 from cabols_control.calibration.parameters import Beforehand, layout_of
 from cabols_control.errors import CabolsError
@@ -171,6 +172,33 @@ def test_designed_stops_beat_random_ones():
         readings = read(values, places, turns, tensions, NOISE, rng)
         bounds.append(np.array(use.rms(calibrate(LAYOUT, readings, NOISE).covariance, 50.0)))
     assert (bounds[0] < bounds[1]).all()
+
+
+def test_no_choice_is_better_than_is_certified():
+    """Every one of the 35 sets of 3 out of 5 stops, by its own covariance."""
+    rng, stops = np.random.default_rng(12), []
+    for _ in range(5):
+        place, turn = poses(rng, 1, 0.4, 0.7)
+        at = np.repeat(place, 2, axis=0), np.repeat(turn, 2, axis=0)
+        tension = np.vstack([np.full(N, FREE_N), rng.uniform(5.0, 80.0, N)])
+        stops.append(read(LAYOUT.start, *at, tension, NOISE, rng))
+    use = uses(LAYOUT, LAYOUT.start, *poses(rng, 10))
+    scale, found = LAYOUT.spread, {}
+    told = []
+    for stop in stops:
+        rows = information(LAYOUT, LAYOUT.start, stop, NOISE)[0].reshape(-1, scale.size)
+        told.append(rows.T @ rows)
+    for rows in combinations_with_replacement(range(5), 3):
+        known = np.eye(scale.size) + sum(told[i] for i in rows)
+        errors = use.rms(scale[:, None] * np.linalg.inv(known) * scale, 1.0)
+        found[rows] = np.linalg.norm(np.array(errors) / GOALS)
+    least = min(found.values())
+    for rows, error in list(found.items())[::8]:
+        share = least_share(LAYOUT, stops, use, NOISE, np.array(rows))
+        assert 0.0 <= share <= 1.0
+        assert share * error <= least * (1.0 + 1e-9)
+    best = choose_stops(LAYOUT, stops, use, NOISE, 3)
+    assert found[tuple(sorted(best.tolist()))] < 1.05 * least
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -34,14 +34,8 @@ def choose_stops(
     Returns:
         (count,) indices into stops; a stop may come more than once.
     """
-    scale = layout.spread
-    rows = [_told_by(layout, stop, noise) for stop in stops]
-    parts = (use.length, use.wrench[:, :3], use.wrench[:, 3:])
-    goal = np.zeros((scale.size, scale.size))
-    for part, unit in zip(parts, GOALS, strict=True):
-        rows_of = (part * scale / unit).reshape(-1, scale.size)
-        goal += rows_of.T @ rows_of / len(rows_of)
-    known = np.eye(scale.size)
+    rows, goal = [_told_by(layout, stop, noise) for stop in stops], _goal(layout, use)
+    known = np.eye(layout.spread.size)
     chosen: list[int] = []
     for _ in range(count):
         best = _best(rows, known, goal)
@@ -53,6 +47,45 @@ def choose_stops(
             chosen[place] = _best(rows, known, goal)
             known = known + rows[chosen[place]].T @ rows[chosen[place]]
     return np.array(chosen, dtype=np.int64)
+
+
+def least_share(
+    layout: Layout, stops: list[Readings], use: Use, noise: Noise, chosen: IntArray
+) -> float:
+    """How far any choice could lower the expected rms error of a chosen one: a certified bound.
+
+    The expected squared error is convex in what the stops tell, so that its tangent at the chosen
+    stops is below it for every choice, also for one that divides its time among the candidates
+    (Pukelsheim 2006, Optimal Design of Experiments, 5.2).
+
+    Args:
+        layout: of the parameters, as the drawing says.
+        stops: candidates.
+        use: what counts.
+        noise: of what is read.
+        chosen: (count,) indices into stops.
+
+    Returns:
+        Share of the rms error, 0 to 1, below which no choice of as many of these stops comes.
+    """
+    rows, goal = [_told_by(layout, stop, noise) for stop in stops], _goal(layout, use)
+    known = np.eye(layout.spread.size) + sum(rows[i].T @ rows[i] for i in chosen)
+    covariance = np.linalg.inv(known)
+    middle = covariance @ goal @ covariance
+    gains = np.array([np.trace(row @ middle @ row.T) for row in rows])
+    now = float(np.trace(goal @ covariance))
+    least = now - (len(chosen) * float(gains.max()) - float(gains[chosen].sum()))
+    return float(np.sqrt(max(least, 0.0) / now))
+
+
+def _goal(layout: Layout, use: Use) -> FloatArray:
+    """(p, p) matrix whose trace with a covariance, in deviations beforehand, is the criterion."""
+    scale = layout.spread
+    goal = np.zeros((scale.size, scale.size))
+    for part, unit in zip((use.length, use.wrench[:, :3], use.wrench[:, 3:]), GOALS, strict=True):
+        rows = (part * scale / unit).reshape(-1, scale.size)
+        goal += rows.T @ rows / len(rows)
+    return goal
 
 
 def _told_by(layout: Layout, stop: Readings, noise: Noise) -> FloatArray:
