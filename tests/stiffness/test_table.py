@@ -131,3 +131,41 @@ def test_tables_that_cannot_be_used_are_refused(tmp_path, text, said):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(CabolsError, match=said):
         read_table(path, 6)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--deviation-um", "-5"], "a number above zero, got '-5'"),
+        (["--deviation-n", "nan"], "a number above zero, got 'nan'"),
+        (["--tool", "0", "inf", "0"], "a finite number, got 'inf'"),
+    ],
+)
+def test_impossible_numbers_are_usage_errors(more, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["identify", str(LAB), *more])
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("path", ["nothing.csv", "."])
+def test_a_table_that_is_no_file_is_a_usage_error(path, tmp_path, capsys):
+    assert main(["identify", str(tmp_path / path)]) == 2
+    assert "expected a table's file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("said", ["kN", {"as": "fx", "in": "kN"}, {"unit": 3}])
+def test_a_mapping_of_another_form_is_refused(said, tmp_path, capsys):
+    place = tmp_path / "mapping.yaml"
+    place.write_text(yaml.safe_dump({"Fx_N": said}), encoding="utf-8")
+    assert main(["identify", str(LAB), *OPTIONS, "--mapping", str(place)]) == 1
+    assert "`as` (a known name), `unit`, or both" in capsys.readouterr().err
+
+
+def test_a_table_without_loads_is_refused(tmp_path, capsys):
+    header, *rows = LAB.read_text(encoding="utf-8").splitlines()
+    rows = [",".join([*row.split(",")[:8], *["0"] * 6, *row.split(",")[14:]]) for row in rows]
+    path = tmp_path / "loads.csv"
+    path.write_text("\n".join([header, *rows]), encoding="utf-8")
+    assert main(["identify", str(path), *OPTIONS]) == 1
+    assert "got zeros in all" in capsys.readouterr().err

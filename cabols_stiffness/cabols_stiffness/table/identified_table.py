@@ -14,6 +14,7 @@ from cabols_control.files.output_folder import output_folder
 from cabols_stiffness.certificate.made import certificate_of
 from cabols_stiffness.certificate.pages import write_certificate
 from cabols_stiffness.certificate.statement import Statement, load_statement
+from cabols_stiffness.errors import TableError
 from cabols_stiffness.identification.identify import identify
 from cabols_stiffness.ladder.identified import identify_ladder
 from cabols_stiffness.ladder.texts import ladder_mapping, ladder_text
@@ -25,7 +26,7 @@ from cabols_stiffness.model.verdict import Grade
 from cabols_stiffness.model.verdict_text import verdict_lines
 from cabols_stiffness.table.laboratory import Stated, not_used, to_samples
 from cabols_stiffness.table.reading import Table, read_table
-from cabols_stiffness.table.robot_options import robot_of
+from cabols_stiffness.table.robot_options import require_file, robot_of
 
 
 def run(options: argparse.Namespace) -> int:
@@ -45,6 +46,7 @@ def run(options: argparse.Namespace) -> int:
     )
     if options.model == AS_PUBLISHED:
         raise UsageError(f"--model {AS_PUBLISHED}: expected another one; it is for comparison only")
+    require_file(options.table)
     robot = robot_of(options, options.tool)
     mapping = read_yaml(options.mapping) if options.mapping else None
     table = read_table(options.table, robot.n, mapping)
@@ -72,6 +74,11 @@ def identify_table(
         output: folder to fill.
         statement: what a certificate needs; None: none is written.
     """
+    if not table.wrench.any():
+        raise TableError(
+            "table: expected a wrench in some rows, got zeros in all; are its columns those of the "
+            "loads?"
+        )
     plain = model if model in MODELS else LINEAR
     result = identify(to_samples(table, robot, stated), robot, plain, judged=False)
     samples = to_samples(table, robot, stated, result)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,36 @@ EXPORTED = {"urdf": "urdf", "sdf": "sdf", "mujoco": "mjcf.xml", "csv": "springs.
 """Forms of a file, and the endings of its name."""
 
 
+def positive(word: str) -> float:
+    """Read a deviation: finite and above zero.
+
+    Raises:
+        ArgumentTypeError: if it is something else.
+    """
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number above zero, got {word!r}")
+    return value
+
+
+def finite(word: str) -> float:
+    """Read a coordinate.
+
+    Raises:
+        ArgumentTypeError: if it is not finite.
+    """
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a finite number, got {word!r}")
+    return value
+
+
 def identify_options(words: Sequence[str]) -> argparse.Namespace:
     """Options of identify."""
     parser = CommandParser("cabols-stiffness", docstring_of("cabols_stiffness.table.command"))
@@ -31,7 +62,7 @@ def identify_options(words: Sequence[str]) -> argparse.Namespace:
     add("--tip", default="", help="link that carries the tool; default: tool0 or flange")
     add("--lock", action="append", default=[], metavar="JOINT=POSITION", help="hold a joint there")
     add("--coupling", default="", help="YAML: joints_by_drives, a matrix, where drives are coupled")
-    vector: dict[str, Any] = {"nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
+    vector: dict[str, Any] = {"nargs": 3, "type": finite, "metavar": ("X", "Y", "Z")}
     add("--tool", default=(0.0, 0.0, 0.0), **vector, help="tool's origin, axes of the tip [m]")
     add("--reflector", default=(0.0, 0.0, 0.0), **vector, help="measured point, tool axes [m]")
     add("--anchor", default=None, **vector, help="other end of a distance, base axes [m]")
@@ -45,10 +76,10 @@ def identify_options(words: Sequence[str]) -> argparse.Namespace:
         help="linear; cubic; auto: the ladder of models, by held-out configurations; or its rungs: "
         + "+".join(Rung),
     )
-    add("--deviation-um", type=float, default=20.0, help="of a displacement [um]")
-    add("--deviation-urad", type=float, default=80.0, help="of a rotation [urad]")
-    add("--deviation-n", type=float, default=0.5, help="of a force [N]")
-    add("--deviation-nm", type=float, default=0.05, help="of a torque [N m]")
+    add("--deviation-um", type=positive, default=20.0, help="of a displacement [um]")
+    add("--deviation-urad", type=positive, default=80.0, help="of a rotation [urad]")
+    add("--deviation-n", type=positive, default=0.5, help="of a force [N]")
+    add("--deviation-nm", type=positive, default=0.05, help="of a torque [N m]")
     add("--statement", default="", help="YAML of a certificate: operator, instruments, type B")
     add("--output", type=Path, help="folder to fill; default: the table's name")
     return parser.parse_args(words)
@@ -64,7 +95,7 @@ def correct_options(words: Sequence[str]) -> argparse.Namespace:
     add("--tip", default="", help="link that carries the tool; default: tool0 or flange")
     add("--lock", action="append", default=[], metavar="JOINT=POSITION", help="hold a joint there")
     add("--coupling", default="", help="YAML: joints_by_drives, a matrix, where drives are coupled")
-    wrench: dict[str, Any] = {"nargs": 6, "type": float, "default": None}
+    wrench: dict[str, Any] = {"nargs": 6, "type": finite, "default": None}
     axes = ("FX", "FY", "FZ", "MX", "MY", "MZ")
     add("--wrench", **wrench, metavar=axes, help="of all points, on the tool [N, N m]")
     add("--wrench-axes", default="base", choices=["base", "tool"], help="axes of the wrench")
@@ -84,7 +115,7 @@ def export_options(words: Sequence[str]) -> argparse.Namespace:
     add("--tip", default="", help="link that carries the tool; default: tool0 or flange")
     add("--lock", action="append", default=[], metavar="JOINT=POSITION", help="hold a joint there")
     add("--coupling", default="", help="YAML: joints_by_drives, a matrix, where drives are coupled")
-    add("--at", nargs="+", type=float, metavar="Q", help="commanded positions [rad, m]; default 0")
+    add("--at", nargs="+", type=finite, metavar="Q", help="commanded positions [rad, m]; default 0")
     add("--output", default="", help="file to write; default: beside the result")
     add("--overwrite", action="store_true", help="replace it if it exists")
     return parser.parse_args(words)

@@ -33,7 +33,7 @@ from cabols_stiffness.model.result import StiffnessResult
 from cabols_stiffness.model.result_file import read_result, tool_of
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import logarithm
-from cabols_stiffness.table.robot_options import robot_of
+from cabols_stiffness.table.robot_options import require_file, robot_of
 from cabols_stiffness.table.units import JOINT, is_known, meaning
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -181,6 +181,7 @@ def run(options: argparse.Namespace) -> int:
     Raises:
         CabolsError: if it cannot be.
     """
+    require_file(options.program)
     path = Path(
         options.output or options.program.with_name(f"{options.program.stem}_corrected.csv")
     )

@@ -199,6 +199,12 @@ def _meanings(
     cells: Cells, mapping: Mapping[str, Mapping[str, str]], path: str | Path
 ) -> tuple[dict[int, Meaning], tuple[str, ...]]:
     headers = cells.headers
+    odd = [name for name, said in mapping.items() if not _is_said(said)]
+    if odd:
+        raise TableError(
+            f"{path}: mapping: expected for each header `as` (a known name), `unit`, or both, as "
+            f"in '{odd[0]}: {{as: fx, unit: N}}', got {mapping[odd[0]]!r}"
+        )
     lost = [name for name in mapping if name not in headers]
     if lost:
         raise TableError(f"{path}: mapping: expected headers of the table, got {', '.join(lost)}")
@@ -211,6 +217,11 @@ def _meanings(
         else:
             known[index] = found
     return known, tuple(unread)
+
+
+def _is_said(said: object) -> bool:
+    words = isinstance(said, Mapping) and set(said) <= {"as", "unit"}
+    return bool(words and all(isinstance(word, str) for word in said.values()))  # type: ignore[attr-defined]
 
 
 def _number(cell: str, line: int, header: str, path: str | Path) -> float:

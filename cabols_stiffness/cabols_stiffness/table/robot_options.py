@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from numpy.typing import ArrayLike
 
 from cabols_control.configuration import read_yaml
-from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.errors import CabolsError, ConfigError, UsageError
 from cabols_stiffness.data_files.command_words import joint_position
 from cabols_stiffness.model.robot import RobotModel, load_robot
 
 COUPLING = "joints_by_drives"
 """Key of a file of coupled drives: a row for each joint, a column for each drive."""
+
+
+def require_file(path: Path) -> None:
+    """Refuse a path that leads to no file.
+
+    Args:
+        path: of a command line.
+
+    Raises:
+        UsageError: saying what is there.
+    """
+    if not path.is_file():
+        what = "a folder" if path.is_dir() else "nothing there"
+        raise UsageError(f"{path}: expected a table's file, got {what}; check the path")
 
 
 def robot_of(
