@@ -174,6 +174,10 @@ bench-tracking: setup  ## errors against the command: feedback and preview, as d
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_tracking.py $(ARGS)
 
+bench-cycle-cost: setup  ## what extrapolated poses, backlash and uncertainty add to a cycle of the controllers
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_cycle_cost.py $(ARGS)
+
 bench-bandwidth: setup  ## bandwidth, margins and currents of each axis, by feedback alone; steps with preview
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_bandwidth.py $(ARGS)
