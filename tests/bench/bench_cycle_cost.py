@@ -45,7 +45,8 @@ class Cycle:
         self.count += 1
         now_s = 1e-3 * self.count
         if self.count % POSE_EVERY == 0:
-            place = [*self.rig.geometry.reference_position, 0.01 * np.sin(now_s), 0.0, 0.0]
+            place = np.array(self.rig.geometry.reference_position)
+            place[:1] += 0.01 * np.sin(now_s)
             self.wrenches.hear_pose(now_s - 0.006, place, self.turn)
         self.wrenches.place(now_s)
         wanted = DesiredWrench(now_s, HELD)
