@@ -117,7 +117,7 @@ def main() -> int:
     until_s = time.monotonic() + 60.0 * options.minutes if options.minutes else math.inf
     with output_folder(options.output, "fault_campaign", keep=not options.fresh) as folder:
         seeds, held = 1 if options.short else options.generated, True
-        if options.part != "nodes":
+        if options.part in ("all", "generated"):
             plan = options.rig, seeds, options.only, until_s
             held = run_generated(options.output, *plan)
         if options.short or options.part == "generated":
