@@ -77,6 +77,7 @@ def made(**changes):
         "amplifier": False,
         "full": False,
         "by_robot": False,
+        "blind": False,
         "beyond_drive_n": None,
         "within_s": 0.05,
         "detected": True,
@@ -106,6 +107,8 @@ def test_claims_hold_and_each_is_broken_by_its_own_trial():
         {"amplifier": True, "peak_tension_n": 150.1},
         {"amplifier": True, "safe_time_s": 0.61},
         {"by_robot": True, "safe_time_s": 0.36},
+        {"blind": True, "safe_time_s": 0.61},
+        {"blind": True, "safe_time_s": 0.3, "growth_n": 10.1},
         {"by_robot": True, "safe_time_s": 0.2, "beyond_robot_n": 5.1},
     )
     for changes in broken:

@@ -218,6 +218,12 @@ class GeneratedKind:
         return moves and (self.disturbance.held or self.disturbance.amplifier)
 
     @property
+    def blind(self) -> bool:
+        """Whether an encoder is not its motor's: no motor can be braked by it, and all are off."""
+        name = self.disturbance.name
+        return self.state == WIRED and ("motor" in name or "encoder" in name)
+
+    @property
     def latent(self) -> bool:
         """Whether only the bounds hold, as nothing depends on it yet."""
         name = self.disturbance.name

@@ -17,6 +17,8 @@ MEDIAN_S = 0.005
 """Longest median of the time from detection to a safe rig [s]."""
 COAST_S = 0.6
 """Longest coasting of a motor whose amplifier was switched off, as nothing else can stop it [s]."""
+BLIND_N = 10.0
+"""Most that a cable gains while motors coast whose encoders are wired to others [N]."""
 ROBOT_S = HEARTBEAT_S + BRAKE_S + 0.01
 """Longest time until the robot stands [s]: the cable of a motor that cannot turn is safe then."""
 
@@ -26,6 +28,8 @@ BROKEN = (
     "slow_to_safe",
     "coasting_too_long",
     "beyond_drive",
+    "blind_too_long",
+    "beyond_blind",
     "robot_too_long",
     "beyond_robot",
     "median_too_long",
@@ -50,7 +54,8 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
     safe = [t["safe_time_s"] for t in found]
     coasts = [t for t in found if t["amplifier"]]
     robots = [t for t in found if t["by_robot"] and not t["amplifier"]]
-    cables = [t for t in found if not t["amplifier"] and not t["by_robot"]]
+    blind = [t for t in found if t["blind"]]
+    cables = [t for t in found if not (t["amplifier"] or t["by_robot"] or t["blind"])]
     median = float(np.median(safe)) if safe else 0.0
     return {
         "rows": [_row(kind, mine) for kind, mine in by_kind.items()],
@@ -67,6 +72,11 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "coasting_max_n": max((t["growth_n"] for t in coasts), default=0.0),
         "coasting_too_long": _slower([t for t in coasts if not t["by_robot"]], COAST_S),
         "beyond_drive": sum((t["beyond_drive_n"] or 0.0) > 0.0 for t in trials),
+        "blind": len(blind),
+        "blind_coasting": _slower(blind, SAFE_WITHIN_S),
+        "blind_max_n": max((t["growth_n"] for t in blind), default=0.0),
+        "blind_too_long": _slower(blind, COAST_S),
+        "beyond_blind": sum(t["growth_n"] > BLIND_N for t in blind),
         "by_robot": len(robots),
         "robot_brakes": _slower(robots, SAFE_WITHIN_S),
         "robot_max_s": _longest(robots),
@@ -154,6 +164,9 @@ def generated_text(summary: dict[str, Any]) -> str:
         f"{1e3 * summary['coasting_max_s']:.0f} ms and {summary['coasting_max_n']:.1f} N; beyond "
         f"k_e k i t_off {summary['beyond_drive']}, longer than {1e3 * COAST_S:.0f} ms "
         f"{summary['coasting_too_long']};\n"
+        f"- where a motor has another one's encoder, {summary['blind']}: coasting for longer than "
+        f"{within} in {summary['blind_coasting']}, at most {summary['blind_max_n']:.1f} N; beyond "
+        f"{BLIND_N:g} N {summary['beyond_blind']};\n"
         f"- where a motor cannot turn and the robot has to brake, {summary['by_robot']}: longer "
         f"than {within} in {summary['robot_brakes']}, at most "
         f"{1e3 * summary['robot_max_s']:.0f} ms and {summary['robot_max_n']:.1f} N; "

@@ -195,6 +195,7 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
         "found_by": str(fault.name) if fault is not None and np.isfinite(found_s) else "",
         "safe_time_s": _safe_s(times, tension, found_s),
         "by_robot": kind.by_robot,
+        "blind": kind.blind,
         "growth_n": float(growth.max()),
         "beyond_robot_n": float((growth - by_ways).max()),
         "peak_tension_n": float(tension.max()),
