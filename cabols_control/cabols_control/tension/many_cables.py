@@ -110,8 +110,8 @@ def _centroid(sides: FloatArray, room: FloatArray, inside: FloatArray) -> FloatA
     from scipy.spatial import ConvexHull, HalfspaceIntersection
 
     if sides.shape[1] == 1:
-        upper = sides[:, 0] > 0.0
-        ends = room / sides[:, 0]
+        along = sides.ravel()
+        upper, ends = along > 0.0, room / along
         return np.array([0.5 * (ends[upper].min() + ends[~upper].max())])
     corners = HalfspaceIntersection(np.column_stack([sides, -room]), inside).intersections
     simplices = corners[ConvexHull(corners).simplices]
