@@ -14,6 +14,8 @@ from cabols_control.wrench_control.joint_commands import limb_joints, wrench_joi
 
 PLUGIN = "joint_state_topic_hardware_interface/JointStateTopicSystem"
 """Of the package joint_state_topic_hardware_interface, which reads and writes JointState topics."""
+STILL = 1e-9
+"""Most that a joint of the wrench may move [m, rad]: readers warn of limits that are equal."""
 ALWAYS = "-1"
 """Threshold below which the plugin sends a command only when it changes: a silent sender would be
 taken for a dead one."""
@@ -37,7 +39,7 @@ def add_ros2_control(root: Element, rig: Rig, namespace: str = NAMESPACE) -> Non
     for index, name in enumerate(wrench):
         axis = " ".join("1" if index % 3 == k else "0" for k in range(3))
         kind = "prismatic" if index < len(wrench) // 2 else "revolute"
-        limit = {"lower": "0", "upper": "0", "velocity": "0"}
+        limit = {"lower": repr(-STILL), "upper": repr(STILL), "velocity": "0"}
         rated = repr(float(rig.control.rated[index]))
         _joint(root, name, kind, rig.geometry.platform_frame, axis, {**limit, "effort": rated})
     _system(root, "limbs", limbs, namespace, commanded=True)
