@@ -11,7 +11,7 @@ from cabols_stiffness.identification.elastic_observations import draw
 from cabols_stiffness.identification.hysteresis import has_branches
 from cabols_stiffness.identification.observations import Observations
 from cabols_stiffness.ladder.evidence import solve
-from cabols_stiffness.ladder.sums import Sums
+from cabols_stiffness.ladder.sums import RESIDUAL, Sums
 from cabols_stiffness.model.elastic.blocks import (
     Block,
     Coupling,
@@ -150,7 +150,7 @@ def best_friction(
         inside, np.delete(across, slice(1, own), axis=1)
     )
     # Products of what the others leave of the states' columns: with the residual, with each other.
-    target, apart = beside[:, 0], beside[:, 1:]
+    target, apart = beside[:, RESIDUAL], beside[:, 1:]
     n, found = held.shape[1], []
     place = np.arange(flat.size).reshape(held.shape)
     for form in Form:
@@ -183,7 +183,7 @@ def _most(apart: FloatArray, target: FloatArray, tried: IntArray, beside: IntArr
     """
     right = np.column_stack([target[beside], apart[np.ix_(beside, tried)]])
     lead = solve(apart[np.ix_(beside, beside)], right)
-    along = target[tried] - apart[np.ix_(tried, beside)] @ lead[:, 0]
+    along = target[tried] - apart[np.ix_(tried, beside)] @ lead[:, RESIDUAL]
     square = np.diagonal(apart)[tried] - np.sum(
         apart[np.ix_(tried, beside)].T * lead[:, 1:], axis=0
     )

@@ -15,6 +15,8 @@ from cabols_control.checks import FloatArray, IntArray
 from cabols_stiffness.ladder.evidence import HeldOut, Rows, solve
 from cabols_stiffness.ladder.scatter import scatter_of_sums
 
+RESIDUAL = 0
+"""Row and column of products that are of the residual; those of the columns follow."""
 KEPT_CELLS = 200
 """Of more cells products are made anew each time: they take memory."""
 
@@ -74,7 +76,7 @@ class Sums:
         """
         ends = np.cumsum([1, *(part.size for part in parts)])
         found = np.empty((self._to_folds.shape[0], ends[-1], ends[-1]))
-        found[:, 0, 0] = self._to_folds @ self._squares
+        found[:, RESIDUAL, RESIDUAL] = self._to_folds @ self._squares
         for i, (one, a, b) in enumerate(zip(parts, ends, ends[1:], strict=False)):
             found[:, a:b, :1] = self._by_fold(one, None)
             found[:, :1, a:b] = found[:, a:b, :1].swapaxes(1, 2)
@@ -119,7 +121,7 @@ class Sums:
         """
         sums, n = self.of(parts), self.joints.size
         total = sums.sum(axis=0)
-        value = np.append(-1.0, solve(total[1:, 1:] + np.diag(precision), total[1:, 0]))
+        value = np.append(-1.0, solve(total[1:, 1:] + np.diag(precision), total[1:, RESIDUAL]))
         # (c, 1 + p, n) products of the residual and all columns with the joints' columns.
         first = parts[0]
         with_joints = [self.between(first, None).swapaxes(1, 2)]
@@ -154,4 +156,4 @@ def _held_out(sums: FloatArray, precision: FloatArray) -> FloatArray:
     total = sums.sum(axis=0)
     total[1:, 1:] += np.diag(precision)
     inside = total - sums
-    return np.array([solve(one[1:, 1:], one[1:, 0]) for one in inside])
+    return np.array([solve(one[1:, 1:], one[1:, RESIDUAL]) for one in inside])

@@ -15,6 +15,8 @@ from cabols_stiffness.identification.observations import Observations
 from cabols_stiffness.measurements.samples import PointSamples
 from cabols_stiffness.model.verdict import Suspect
 
+Z, WEIGHT = 2, 0
+"""Axis that points up, and the column of a weight's force; those of its moments follow."""
 SETTLING = 1.5
 """Measurements after which creep within a pass has settled to 1/e."""
 
@@ -67,12 +69,12 @@ def _weight(observations: Observations, found: Fitted) -> FloatArray:
     The moments are of the largest torque, by the weight's centre along the tool's axes.
     """
     posture, size = found.line.balance.posture, _largest(observations)
-    down, axes = -posture.rotation[:, 2], np.broadcast_to(np.eye(3), posture.rotation.shape)
+    down, axes = -posture.rotation[:, Z], np.broadcast_to(np.eye(3), posture.rotation.shape)
     if not observations.follows:
         down, axes = np.broadcast_to([0.0, 0.0, -1.0], down.shape), posture.rotation
     moments = np.cross(axes, down[:, :, None], axis=1)
     found_there = np.zeros((down.shape[0], 6, 4))
-    found_there[:, :3, 0] = size[:, :1] * down
+    found_there[:, :3, WEIGHT] = size[:, :1] * down
     found_there[:, 3:, 1:] = size[:, 3:4, None] * moments
     return found_there
 
