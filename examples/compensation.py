@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command a robot so that it stands where it should although a load bends it."""
 
 import numpy as np

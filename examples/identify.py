@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identify a robot's joint stiffness from deflections under known wrenches."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Shared fixtures. A test that uses DDS asks for `isolated`: own domain, this machine only."""
 
 from __future__ import annotations

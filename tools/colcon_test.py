@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run `colcon test` on the packages that `make setup` has built into .venv.
 
 python tools/colcon_test.py [colcon's arguments]

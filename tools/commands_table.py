@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run every executable with --help, a wrong option, a missing file, an occupied output folder.
 
 Usage: commands_table.py            print the table

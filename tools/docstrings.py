@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Find public functions of two or more arguments whose docstrings do not describe them.
 
 Usage: docstrings.py            list them

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows of the tables in docs/figures.md, from each benchmark's JSON file; see figures.py."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write the tables of docs/figures.md from what the benchmarks left in build/.
 
 Usage: figures.py [--build build]      (`make figures`)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Follow every command of the README and the pages, as a newcomer would, from a fresh clone.
 
 Usage: follow_docs.py [--here] [--list] [--fresh] [--only TEXT]     (`make follow-docs`)

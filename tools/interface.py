@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write docs/interface.md and the picture of the graph in docs/architecture.md, from the code.
 
 Usage: interface.py            print what would be written

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write requirements.lock from requirements.in, with one version for all Pythons where it exists.
 
 Usage: make_lock.py PYTHON [PYTHON ...]     (the first one's answer is preferred for the others)

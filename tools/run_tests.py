@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run the tests as `make test` does: pure ones, graphs that bear company, then real time alone.
 
 python tools/run_tests.py [pytest's arguments]

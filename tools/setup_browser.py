@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """See to it that there is a Chromium for the console's tests: find one, or install it.
 
 Installs only as root on a system with apt-get, such as a build machine; anybody else is told the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Set up .venv with everything that cabols needs, and build the workspace into it.
 
 Does nothing that is already done: each step leaves a stamp of what it was made from in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run the tests again and again with a busy loop on one core beside them, until one run fails.
 
 python tools/stress_tests.py [--runs 5] [--fresh] [-- pytest's arguments]

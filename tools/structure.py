@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read who imports whom in the packages: rooms, files, arrows, circles, imports upward.
 
 Usage: structure.py            print the tables and what breaks the rules; exit 1 if anything does

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled kernels of the inverse kinematics: structure matrix and cable lengths, unchecked.
 
 Sign convention and equations: `cabols_control.kinematics`, which checks its arguments.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the numbers of a serialised message lie: one engine for bags and for the live graph.
 
 Messages whose strings and sequence lengths are the same differ in their numbers only, which then

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Guards for arguments; written so that NaN fails."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Common parts of all commands: options, exit codes, errors on one line.
 
 Exit codes: 0 done; 1 a target was not met, or a run failed; 2 the command line cannot be used (an

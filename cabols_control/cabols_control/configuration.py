@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Typed configuration: frozen dataclasses from YAML; wrong keys, types and numbers are errors."""
 
 from __future__ import annotations

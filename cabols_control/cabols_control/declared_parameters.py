@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ROS parameters that a node declares, read from its source: nothing of ROS is imported.
 
 A node's `main` is followed through the classes and functions of nodes/ and ros/ that it names; each

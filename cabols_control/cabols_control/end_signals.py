@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The signals that ask a process to end, from its first line on: none ends it half made.
 
 Until a process can end in order it holds them back: they wait, through exec as well, and are

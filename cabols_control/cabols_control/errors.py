@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors of wrong arguments and files: what was expected, what came, what to do."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The frames of a URDF: where each link is in the one that carries it, at joint positions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where a rig's tool, sensor, tracker and reflectors are: one file for all packages."""
 
 from __future__ import annotations

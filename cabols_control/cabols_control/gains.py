@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gains of both loops by pole placement: (3.15) for a limb alone, (3.24), (3.25) for both."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rig geometry: where the cables leave the frame and where they hold the platform."""
 
 from __future__ import annotations

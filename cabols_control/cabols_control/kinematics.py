@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inverse kinematics and the structure matrix of a cable robot.
 
 One sign convention, everywhere: u_i is the unit vector from the platform point to the base

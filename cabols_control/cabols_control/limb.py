@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limb models and their identification: step data to (3.11), ramp data to the stiffness k_e."""
 
 from __future__ import annotations

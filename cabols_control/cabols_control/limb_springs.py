@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """k_e of every limb, and how it changes with the cable's length.
 
 Spring and cable are in series, so that 1/k_e(l) = c + l / EA: the cable's own share grows with its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a platform can move: in space, in a plane, or as a point that only shifts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names of limbs, cables, joints, reflectors, configurations and loads as people read them.
 
 People count from 1, programs from 0. These functions alone cross over: a text for people (message,

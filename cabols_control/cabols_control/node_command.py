@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Entry points of nodes and ROS tools: the command line is judged before rclpy is imported.
 
 `ros2 run PACKAGE NODE --help` lists the node's parameters and starts nothing; an unknown word, a

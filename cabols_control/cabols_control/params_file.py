@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One YAML file of parameters for all nodes of a graph, in ROS's own form.
 
 The command writes it with every parameter, its default and its meaning; launch files and the demo

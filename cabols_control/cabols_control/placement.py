@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A frame in another one, as configuration files give it."""
 
 from __future__ import annotations

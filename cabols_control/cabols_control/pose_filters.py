@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Slower looks at the poses than from the last two, for poses that are noisy; compiled, O(1).
 
 Differences of the newest poses follow a motion at once, and multiply the poses' noise: 16 um

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the platform is now, by poses that are some milliseconds old; compiled, O(1).
 
 A pose of the robot describes a moment in the past. At 100 mm/s six milliseconds are 0.6 mm, which a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a bag says of how its run was configured: the nodes' parameters and the files in force."""
 
 from __future__ import annotations

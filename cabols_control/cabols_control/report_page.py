@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page that every report is: one HTML file that needs no other file and no network."""
 
 from __future__ import annotations

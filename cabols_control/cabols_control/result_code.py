@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a request ended, for programs; the text beside it is for people."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of a rig for the control laws, read from its configuration files."""
 
 from __future__ import annotations

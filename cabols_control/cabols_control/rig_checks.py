@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rig's numbers against each other: mistakes that no number shows by itself.
 
 Points in millimetres, platform and frame swapped, a cable twice, a stiffness in N/mm, limits of two

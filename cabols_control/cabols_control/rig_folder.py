@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rig is a folder of files: their names, their readers, and the folder of a rig's name."""
 
 from __future__ import annotations

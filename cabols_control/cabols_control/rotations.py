@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rotations as the packages exchange them: quaternions of poses, the matrix of a cross product."""
 
 from __future__ import annotations

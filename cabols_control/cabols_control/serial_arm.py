@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot arm's joints, in their order from base to flange, from its URDF."""
 
 from __future__ import annotations

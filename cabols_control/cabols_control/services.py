@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Services and actions of the graph, once: who serves and who calls them, beside topics.py."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The topics of the graph, once: nodes, recorder, bags, table of nodes and docs read this table."""
 
 from __future__ import annotations

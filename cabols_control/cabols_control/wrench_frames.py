@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames in which a wrench may be desired: axes, and the point about which its torque is.
 
 A wrench (f, m) about a frame's origin F, in its axes, is about the platform's origin P, base axes,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Uncertainty of a measured wrench, in the frame of the user; compiled, O(1).
 
 A first-order propagation (JCGM 100:2008, "GUM", 5.1): each source moves the wrench by a known

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Devices of the loading simulator and the bridge that paces its control loop."""

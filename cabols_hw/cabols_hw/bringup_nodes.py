@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes and arguments of this package: bridges to card, robot and tracker."""
 
 from __future__ import annotations

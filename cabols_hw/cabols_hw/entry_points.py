@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executables of this package; see setup.cfg."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launch the controllers and the bridge to the hardware.
 
 ros2 launch cabols_hw rig.launch.py geometry_file:=/path/to/geometry.yaml

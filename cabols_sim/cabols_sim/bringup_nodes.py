@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes and arguments of this package, and the graph of the simulated bench."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read all files of a rig, hold their numbers against each other, and say what was read."""
 
 from __future__ import annotations

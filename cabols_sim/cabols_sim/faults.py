@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults of the simulated rig; pure, applied by the plant."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compile and cache the simulation's kernels once, so that no run waits for the compiler."""
 
 from __future__ import annotations

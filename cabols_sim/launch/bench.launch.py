@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launch the simulated bench: the same table of nodes and the same time-outs as `make demo`.
 
 ros2 launch cabols_sim bench.launch.py program:=steps auto_start:=true output:=bags/my_run

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joint stiffness of robots from the deflections under measured wrenches."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Nodes and arguments of this package: stiffness campaigns."""
 
 from __future__ import annotations

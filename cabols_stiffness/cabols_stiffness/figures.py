@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figure 4.13: measured deflection beside the predicted one with its band."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Memory and time of analysing bags of different lengths, each in a process of its own."""
 
 from __future__ import annotations

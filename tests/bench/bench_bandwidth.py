@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bandwidth of every axis by feedback alone, margins beside it; and steps with preview.
 
 The compiled loop with the whole plant (friction, backlash, converters, noise) follows sines of 5 N

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Self-calibration of simulated rigs that differ from their drawing, in process.
 
 Every rig has errors of 5 mm in each coordinate of its points, 2 mm of its pulleys' radii, 2 % of

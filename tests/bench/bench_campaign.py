@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether simulated campaigns find the true stiffness, and whether their intervals hold it.
 
 Campaigns of five configurations run on the whole simulated rig, through all nodes and devices, one

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the operator's console costs the rig: the same run without and with it, 1 kHz, all bridges.
 
 With: two pages open at 20 Hz, spoken to as a browser does, but not drawn: a browser draws on the

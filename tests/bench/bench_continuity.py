@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Change of tensions from one control cycle to the next, near the boundary of the wrenches.
 
 Usage: python tests/bench/bench_continuity.py [--output build/bench/continuity.json] [--wrenches N]

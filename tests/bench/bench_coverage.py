@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether 95 % intervals hold the truth: whole, partial, and of configurations that differ.
 
 Every run draws configurations, loads and noise anew; the loaded robot is a product of homogeneous

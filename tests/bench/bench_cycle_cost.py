@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What extrapolated poses, backlash and uncertainty add to a control cycle, in turn with them off.
 
 Wrench controller and limb controller answer made-up samples of a rig that holds a load on a moving

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Loads that an optimal campaign saves against ten arbitrary configurations and tensions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Speed of the fit against scipy.optimize.least_squares, and time and memory of large tables.
 
 The yardstick minimises the same residual: both solve the loaded arm's balance exactly, weight it

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forward kinematics of ten public robots: poses found, none wrong, covariance, time.
 
 Usage: python tests/bench/bench_forward_kinematics.py [--poses 100000] [--output FILE]

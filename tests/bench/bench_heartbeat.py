@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long the robot needs to hear of a fault, through the real nodes: until it begins to brake.
 
 The robot moves in FREE_MOVING; a gauge fails, and the bridge reports it. The report ends the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether each rung's 95 % intervals hold the truth, and how long the ladder takes.
 
 Robots are independent_arm's plain homogeneous matrices, none of the estimator's code. For each

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What one step of the limb controller costs in each mode, from message to message.
 
 Usage: python tests/bench/bench_limb_step.py [--output build/bench/limb_step.json] [--steps 5000]

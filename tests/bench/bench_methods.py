@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Methods of tension distribution in one run: time, equilibrium, limits, continuity.
 
 Usage: python tests/bench/bench_methods.py [--output build/bench/methods.json] [--calls 20000]

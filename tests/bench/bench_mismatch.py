@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How well the ladder of models predicts a robot whose construction it does not know.
 
 The hidden robot has links, base, gravity, friction, kinematic errors, warming up, and stiffness

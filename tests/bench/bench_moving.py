@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wrench held on a target that moves or shakes: bridge, guard, controllers and full plant.
 
 All of it in one process. The pose comes every 4 ms, 4 to 8 ms old, and says so; where the lag is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pose estimator on an hour of a simulated rig's data, and on faults at random moments.
 
 The data are those of tests/harness/pose_sources.py: springs that soften, a robot with an absolute

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wrench held while the platform moves, over pulleys that control knows or neglects.
 
 Bridge, guard, controllers and full plant in one process, deterministic: 50 N and 5 N m, held in

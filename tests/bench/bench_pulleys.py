@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Time of a new pose with its decomposition: cables over pulleys against cables between points.
 
 Both in turn in one run, as the median of blocks; writes build/bench/pulleys.json.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The control loop in real time: delay, late and lost cycles, CPU, beside two yardsticks.
 
 The graph runs twice: with a rigid target, and with all bridges (robot and tracker on simulated

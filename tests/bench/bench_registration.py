@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the registration's covariances are true: Monte Carlo over geometries and noise.
 
 The normalised estimation error squared (NEES) of p unknowns has the mean p if the covariance is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Restarts of the bridge with 10 to 100 N on the gears, 20 times each, with and without a bias.
 
 Prints a table and writes build/bench/restart.json; returns 1 if a wrench was wrong by more than

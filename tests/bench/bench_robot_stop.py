@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long a stop takes to reach the robot if requests are lost, refused or hang.
 
 Each trial has a seed of its own, moves (RAPID runs, session and mastership held), then loses a

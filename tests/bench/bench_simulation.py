@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much faster than real time the closed loop runs in one process, without DDS, on one core."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the identified stiffness and its intervals are true: simulated campaigns, many times.
 
 Noise is that of the simulated rig (tracker with drift, force sensor with tare and converter,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast redundancy resolution is, beside DAQP and scipy, on the reference rig.
 
 Usage: python tests/bench/bench_tension.py [--output build/bench/tension.json] [--calls 20000]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Error against the command in the compiled loop: by feedback alone, and with preview.
 
 Each programme runs on the full plant as designed, and on plants that differ from what the rig's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a killed reader costs its publisher: Fast DDS's shared memory beside UDP on loopback.
 
 A process publishes at up to 2 kHz while readers of its topic are killed (-9) and started again. A

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether verdicts are right: good data sets refused, wrong ones accepted.
 
 Data sets are drawn by seed (tests/harness/stiffness_lab.py): five robots, 5 to 15 configurations,

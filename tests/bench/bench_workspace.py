@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrench-feasible grid of 100 000 poses: hyperplanes on two cores beside linear programmes.
 
 Usage: python tests/bench/bench_workspace.py [--output build/bench/workspace.json]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The same short campaign on each simulated robot controller that cabols speaks with.
 
 A few loads through all nodes: on IRC5's web services and OmniCore's with the bench's arm, where the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Check a designed geometry by other means: linear programmes, and the bench that runs it.
 
 Usage: python tests/bench/check_design.py GEOMETRY.yaml [--output build/bench/geometry_design.json]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps of the robots in examples/robots, one command and one file each, beside linear programmes.
 
 Usage: python tests/bench/check_robots.py [--poses 500] [--output build/robots]

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A page of the console without a browser: what its server has to do for one, and no drawing.
 
 Run as a program of its own: `console_page.py PORT SECONDS CORE`, -1 for any core; prints one line

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two hosts on one machine: network namespaces whose network cards end in this process.
 
 Each host has a loopback device and one Ethernet card. Frames between the cards pass through this

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run one benchmark alternately in two checkouts and print the ratios of their figures.
 
 Usage: python tests/bench/interleave.py BASE --bench tension [--rounds 3] [-- ARGUMENTS]

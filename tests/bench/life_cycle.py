@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Start the simulated rig and end it, many times, at any moment and in every way that there is.
 
 Each trial starts the graph with a recorder, loads it, and ends it at a random time after the start,

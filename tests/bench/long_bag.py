@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bag as a long campaign leaves it, written as fast as the project's writer goes."""
 
 from __future__ import annotations

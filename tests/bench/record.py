@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write a benchmark's figures with when, where and of which commit they were measured."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Press the stop many times, also beside a supervisor that is killed: is any press lost?
 
 Each trial lets currents flow (PRETIGHTENING), presses the page's emergency stop, and waits for zero

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the scatter of the source's table 4.3 can and cannot be: noise alone, joint by joint.
 
 Ten configurations of a robot with the table's mean stiffness, the same in all, each identified by

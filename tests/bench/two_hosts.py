@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One rig on two hosts: bridge and recorder on one, controllers and supervisor on the other.
 
 The hosts are network namespaces of this machine, so that they share cores and clock: what a second

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the control loop is compared with: a plain rclpy echo pair and a bare 1 kHz timer.
 
 Run as a program of its own: `yardsticks.py echo`, `yardsticks.py ping SECONDS FIFO` and

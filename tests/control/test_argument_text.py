@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launch arguments: a right, a wrong and a misspelt value of each."""
 
 from __future__ import annotations

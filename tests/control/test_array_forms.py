@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arrays in the forms in which others hold them, at the public entries: one table.
 
 Read-only (a view of a message, a memory map), strided, Fortran-ordered, single precision, a list:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limb law allows for the play of a gear: against an own model of play, and in the loop."""
 
 from __future__ import annotations

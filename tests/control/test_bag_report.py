@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`report BAG`: any recorded run of a rig; what a bag lacks is named."""
 
 from __future__ import annotations

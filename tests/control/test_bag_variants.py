@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two hundred variants of each kind of bag: only BagError escapes, nothing is silently different,
 and nothing is lost that lies outside the damage."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags on disk: writing, recovering and reading, against rosbags and mcap as second opinions."""
 
 import dataclasses

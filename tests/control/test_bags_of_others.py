@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags as other programs write them: what can be read is read, and what cannot is said."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Graphs from what the packages declare: nothing twice, unknown, or named from above."""
 
 from __future__ import annotations

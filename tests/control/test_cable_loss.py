@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrenches that remain when a cable parts, against a linear programme."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command calibrate_rig: a plan, a table of readings, a rig's folder; and wrong tables."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Self-calibration against the product's kernels, simulated rigs and what cannot be told."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrench closure and feasibility by hyperplanes: against linear programmes and convex hulls."""
 
 from __future__ import annotations

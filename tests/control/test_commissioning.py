@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commissioning in one process: the loop of plant, bridge and limb controller, without DDS."""
 
 from __future__ import annotations

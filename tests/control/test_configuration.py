@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Configuration files: what a person reads is what is meant; everything else is a short error."""
 
 from __future__ import annotations

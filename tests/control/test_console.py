@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The console's pure parts: access, command, uploads, what is shown, feasibility, watchdog."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The console's calls: a service that is not matched yet, and requests that are lost."""
 
 from __future__ import annotations

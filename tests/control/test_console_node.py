@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The console's node as a process: tokens, foreign requests, pages that do not answer."""
 
 from __future__ import annotations

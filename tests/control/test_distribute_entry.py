@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`distribute` on its compiled way: the same answers and refusals as where arrays are converted."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stiffness of the platform against the energy's second derivative, and the map of it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Signals that come before a process can end in order wait until it can, through exec as well."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A process notes when it is asked to end, and that its launcher has died, even before that."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What control loops leave to the executor's thread: the lines of their log."""
 
 from __future__ import annotations

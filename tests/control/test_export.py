@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exports, read back by other programs' readers and held against rosbags' own deserialisation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fingerprint of a rig's files, which /diagnostics shows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files mean what a person reads in them: forms that only Python takes for numbers are refused."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pose from cable lengths, beside scipy and facts of geometry; never a wrong pose as known."""
 
 from __future__ import annotations

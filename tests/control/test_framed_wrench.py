@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrenches told in a frame of the rig are of the pose at their sample, in every mode."""
 
 from __future__ import annotations

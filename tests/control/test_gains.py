@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gains: the loops that they close have the poles that were asked for, by python-control."""
 
 from __future__ import annotations

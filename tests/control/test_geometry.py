@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Geometry files: what is accepted, and what each mistake is answered with."""
 
 from __future__ import annotations

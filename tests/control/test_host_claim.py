@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names of a host: one process has each, and a killed one has none."""
 
 import os

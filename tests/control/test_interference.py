@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Distances between cables and bodies: against least squares, by hand, and along turns."""
 
 from __future__ import annotations

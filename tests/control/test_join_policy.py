@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When the recorder joins a topic of the control loop."""
 
 from cabols_control.bags.join_policy import PATIENCE_S, SETTLE_S, JoinPolicy

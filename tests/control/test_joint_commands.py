@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Efforts of joints become setpoints of all limbs, or are refused as a whole."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is said of a kernel: of a rig's computer nothing is wanting, of others what to set."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The count of compiled kernels that tells a node what its warm-up forgot."""
 
 import numpy as np

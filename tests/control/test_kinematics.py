@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kinematics against physics: virtual work, finite differences, frames."""
 
 from __future__ import annotations

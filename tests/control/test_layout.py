@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CDR layouts against rclpy's own serialisation."""
 
 from __future__ import annotations

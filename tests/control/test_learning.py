@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Learning over runs of a programme: convergence, bounds, storage, forgetting."""
 
 from __future__ import annotations

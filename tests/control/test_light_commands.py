@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`--help` needs neither compilers, figures nor optimisers: what commands import at once."""
 
 from __future__ import annotations

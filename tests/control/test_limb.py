@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limb identification: exact data, noise, irregular time, bad data."""
 
 from __future__ import annotations

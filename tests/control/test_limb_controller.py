@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limb controller: modes, staleness, pre-tightening, what it refuses."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limb law: linear behaviour against python-control, limits, resets, bad input."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """k_e of each limb and by the cable's length: what a rig's file says, and what it must not say."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limb controller's answers to random sequences, to the bit those of version 0.1."""
 
 from __future__ import annotations

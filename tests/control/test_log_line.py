@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How loud a line of a node's output is: by its logger's severity, never by its words."""
 
 import pytest

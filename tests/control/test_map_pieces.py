@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps in pieces: the same bits however they were made, completed after any end, memory flat."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigs of 0.1 become folders: what they say is kept, nothing is written over, all is said."""
 
 from __future__ import annotations

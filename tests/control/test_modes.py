@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Modes: legal transitions only, each refusal with its reason; the automatic sequence."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Platforms that move in a plane or as a point: capacity beside HiGHS, pose, maps, design."""
 
 from __future__ import annotations

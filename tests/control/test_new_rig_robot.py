@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A new rig with another arm: its configurations against pinocchio, and arms that cannot do it."""
 
 from __future__ import annotations

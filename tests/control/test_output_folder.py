@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Output folders: what a command did not write is neither deleted nor overwritten."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One file of parameters for all nodes: every parameter is reachable, every mistake is named."""
 
 from __future__ import annotations

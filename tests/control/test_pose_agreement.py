@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which source of the pose disagrees: named where data can tell, candidates until then."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pose estimator on a rig's raw data: who is wrong is named, and nobody is while all agree."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The lag of the robot's poses, identified from motions under load."""
 
 from __future__ import annotations

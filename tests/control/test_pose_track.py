@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses extrapolated over their age: exact motions, and what must not be extrapolated."""
 
 from __future__ import annotations

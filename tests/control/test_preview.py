@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Programmes followed without lag: against python-control's response, and by properties."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The supervisor of processes: how a run ends."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Load programmes: built-in ones are feasible on the bench, CSV files are checked line by line."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cables over swivelling pulleys, against virtual work, a search for the tangent, and MuJoCo.
 
 The search knows no formula of the product: it looks for the point of the wheel's rim from which

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bag says what ran: parameters of the nodes, files in force; no secrets."""
 
 from __future__ import annotations

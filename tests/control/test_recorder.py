@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The recorder as a process: orderly ends, kills, full disks."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Registration: against scipy's own fits, and its covariance against Monte Carlo."""
 
 from __future__ import annotations

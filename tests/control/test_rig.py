@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rig configuration: limits that cannot be exceeded, files that must agree."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers against each other: each of people's mistakes is found, good rigs are left alone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RigClient against servers that come late, refuse, stay silent; and on the real graph."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig's URDF, read by pinocchio and MuJoCo, gives the project's own kinematics."""
 
 from __future__ import annotations

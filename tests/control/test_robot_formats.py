@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robot files of CASPR and cdpyr: read as others write them, round trips, mistakes named."""
 
 from __future__ import annotations

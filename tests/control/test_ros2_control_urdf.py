@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The description for ros2_control: read by others, and with what the plugin reads."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rotations against numpy's cross product and scipy; what is no pose is refused."""
 
 from __future__ import annotations

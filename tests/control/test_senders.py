@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whose reports the supervisor believes when two processes speak in one node's name."""
 
 import numpy as np

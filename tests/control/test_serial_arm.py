@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading a robot's joints from its URDF: against pinocchio, and what is no such arm."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which supervisor's modes a node follows, and who is named as a second publisher."""
 
 from __future__ import annotations

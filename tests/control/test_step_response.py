@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rise times, steady errors and cross-coupling of steps."""
 
 import numpy as np

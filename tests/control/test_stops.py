@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stop on its topic: repeated, acted on once, held until a supervisor's reset."""
 
 from __future__ import annotations

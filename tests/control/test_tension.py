@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Redundancy resolution against other solvers and against the reference rig's known figures.
 
 Solvers agree to their own tolerance only (quadprog and DAQP to 1e-8 N or so), so a reference is

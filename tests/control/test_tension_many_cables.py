@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """p-norm, barycentre and analytic centre for 9 to 12 cables and for robots in a plane.
 
 Second opinions: the conditions of Karush, Kuhn and Tucker with scipy's nnls, quadprog for p = 2,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """p-norm, barycentre, analytic centre: against scipy's polygons and optimisers, and continuity."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Properties that every answer of the redundancy resolution must have, on generated rigs."""
 
 from __future__ import annotations

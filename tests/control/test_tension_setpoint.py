@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensions commanded in joint space: limits, rate, staleness, and back to the wrench."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensions that change little with the pose: against a general optimiser, and the exact ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Processes of one machine talk by UDP: nobody's lock is theirs, and other tools hear them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Errors of a run against the command, in the frame of the user's, on a platform that moves."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Grids, workers, meshes, files, design: what the command `workspace` is made of."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots of one file in the workspace tool: limits by cable, weight, length, nothing by stealth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The wrench controller: windup, bumpless start, stale and bad inputs."""
 
 from __future__ import annotations

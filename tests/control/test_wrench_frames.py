@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrenches in frames: against pinocchio, and one wrench in many frames gives the same tensions."""
 
 from __future__ import annotations

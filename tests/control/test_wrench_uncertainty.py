@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stated uncertainty of a wrench: 95 % of the errors of rigs drawn by chance are within it."""
 
 from __future__ import annotations

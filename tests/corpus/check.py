@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read the corpus and compare with its table: `make corpus`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write the files of the corpus: small ones of this project, in the forms that others write.
 
 Run once; the files are kept, so that a change of a library that writes them changes nothing.

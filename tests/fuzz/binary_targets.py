@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parsers of bytes: CDR, bags, packets of the robot, answers of its controller and the tracker."""
 
 from __future__ import annotations

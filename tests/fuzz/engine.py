@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Feeds a target with inputs, and judges: other exceptions, changed values, hangs, memory."""
 
 from __future__ import annotations

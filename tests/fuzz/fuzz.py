@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fuzz every parser and socket: `make fuzz` (ten minutes), `make fuzz ARGS="--minutes 1"`.
 
 Inputs follow from seed, target and number; state lies in build/fuzz/<target>, so that the next call

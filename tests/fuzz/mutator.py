@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inputs that are nearly right: changes of good ones, each told by a seed and a number alone."""
 
 from __future__ import annotations

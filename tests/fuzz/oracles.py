@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Second opinions: what an accepted input must have given, by other people's readers."""
 
 from __future__ import annotations

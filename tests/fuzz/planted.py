@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bugs that somebody might write, planted one at a time: the fuzzer must find each.
 
 Usage: planted.py NAME FOLDER, which prints the kinds of findings as JSON.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sockets: the robot's stream, its controller's web services, the tracker's gRPC, DDS topics."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parsers of text: YAML, rig files, .cal, programmes, tables, maps, journals, biases, URDF."""
 
 from __future__ import annotations

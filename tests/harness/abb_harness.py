@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot, its controller and a plant that does nothing but let time pass, in one process."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of any types, made with rosbags' own serialisation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small MCAP bags, record by record (format: mcap.dev/spec): each oddity where it belongs."""
 
 from __future__ import annotations

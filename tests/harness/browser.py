@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A real Chromium, driven by Playwright: the system's, with its pictures drawn in software."""
 
 from __future__ import annotations

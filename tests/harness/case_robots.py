@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Public cable robots of tests/cases/cables/robots, and independent answers about them."""
 
 from __future__ import annotations

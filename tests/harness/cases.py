@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tests under tests/cases share: expected failures by issue, and outcomes as values."""
 
 from __future__ import annotations

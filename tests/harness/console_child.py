@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A console's server alone with a rig that answers: prints its port, then serves.
 
 python console_child.py FOLDER

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated rig with its console, led by a browser and watched on the graph."""
 
 from __future__ import annotations

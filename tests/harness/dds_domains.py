@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """DDS domains for tests: a block of its own for each process of tests on this machine."""
 
 from __future__ import annotations

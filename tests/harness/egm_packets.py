@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """EGM packets as a controller sends them (numbers of the kind that abb_libegm#119 shows)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stand-in for Quanser's `quanser.hardware`, with a Q8 behind it and a clock of its own.
 
 It behaves as the vendor's documentation says: the watchdog sets the outputs to their expiration

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs the real bench graph while a scenario watches it and interferes."""
 
 from __future__ import annotations

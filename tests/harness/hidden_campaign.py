@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Campaigns of the hidden robot, the ladder's predictions of it, and the truth beside them."""
 
 from __future__ import annotations

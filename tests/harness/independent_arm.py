@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An elastic serial robot that is none of the project's code, its URDF parser, loads and noise.
 
 Product of homogeneous matrices, fixed-point statics. Noise unless said: reflector 15 um, sensor

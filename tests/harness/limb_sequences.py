@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Random sequences of modes, limb states and commands, and what a limb controller answers.
 
 The numbers come from the generator's integers by plain arithmetic, so that they are the same bits

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A file of JSON lines that a long statistic adds to, so that it goes on where it was stopped."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files whose tests may take longest begin first, so that no process waits for one at the end."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig in one process on a target that moves and shakes, with poses that come late."""
 
 from __future__ import annotations

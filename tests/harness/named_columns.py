@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds numbers that stand for names: column indices, and kernels with long argument lists.
 
 A subscript counts if it holds an integer of 3 or more, or picks a column (`table[:, 1]`,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bridge, simulated card and limb controller in one process and in lockstep, without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hook of pytest: leaves the numbers of outcomes for tools/run_tests.py, which adds up two runs."""
 
 from __future__ import annotations

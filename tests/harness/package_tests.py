@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The one test of a package's own test/ folder: what `colcon test` runs of this repository.
 
 It runs the package's tests in a pytest of their own, from the repository's tests/ folder.

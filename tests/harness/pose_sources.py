@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rig as its sensors see it, written apart from the product: for the pose estimator.
 
 Springs that soften with the cables' lengths, a robot with an absolute error that bends under the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finds code that decides by prose: by a reason, a message, a text or a line of a log.
 
 What reads a text for people is found by the names that such texts have here, in four forms:

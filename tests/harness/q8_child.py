@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs the q8_ati_bridge node on a fake card in real time; test_q8_node.py starts it.
 
 Arguments: how many samples before it interrupts itself; 0 for a machine without the driver. Prints

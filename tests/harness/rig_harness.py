@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig's control path in one process, with the bridge's guard and the wrench controller."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A Robot Web Services 1.0 controller whose answers a test can replace one by one.
 
 Digest log-in, session cookies, RAPID variables, a program that moves.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Serial robots from their makers' data sheets, with a plausible stiffness, as URDFs."""
 
 from __future__ import annotations

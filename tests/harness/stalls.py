@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How long a busy machine has kept a bare timer waiting: no verdict on software counts that."""
 
 from __future__ import annotations

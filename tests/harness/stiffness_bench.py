@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stiffness campaigns simulated at the measurement level, with the simulated rig's own noise.
 
 Truth (stiffness, tracker, sensor, drift) is read from cabols_sim's configuration. What is the same

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laboratories that measure a loaded robot: data sets drawn by seed, and what may be wrong in them.
 
 Nothing of the estimator makes the numbers: poses are products of homogeneous matrices, the loaded

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Structure matrices and wrenches for tests of the redundancy resolution."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A loop through the workspace, with a wrench that varies, for comparing tension methods."""
 
 from __future__ import annotations

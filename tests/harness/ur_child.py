@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A simulated UR controller as a process; it ends with its standard input.
 
 Argument: TCP port of RTDE. Prints the encoders [rad] once, when they have a value.

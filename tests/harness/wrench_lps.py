@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrench feasibility by linear programmes: HiGHS asks for tensions at every vertex of the set.
 
 An independent second opinion on the hyperplane test, and its opponent in the benchmark: one model

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """abb_robot_client's own EGM and RWS, and the rig's clients on them, against the simulation."""
 
 from __future__ import annotations

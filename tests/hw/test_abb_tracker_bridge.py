@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The node abb_tracker_bridge against the simulated controller, and the plant with its robot."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Answers are of samples that were sent, each later than the one before."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The force/torque sensor: .cal files, frames, tare and the tool's weight."""
 
 from __future__ import annotations

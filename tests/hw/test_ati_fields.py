@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a .cal file says beyond its matrix: done, or refused, or said."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two hundred variants of a .cal file: read as it says, refused, or said; nothing else escapes."""
 
 from __future__ import annotations

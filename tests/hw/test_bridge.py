@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge and its watchdogs on the simulated card, without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the bridge's node takes from a mode: its number, its cause, its pre-tightening; no text."""
 
 from types import SimpleNamespace

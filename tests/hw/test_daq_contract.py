@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every card does, checked on the hardware's back end (over a fake of the vendor's API) and on
 the simulated card alike."""
 

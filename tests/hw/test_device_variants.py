@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two hundred variants each of answers of controllers, registrations, tools: right, or refused."""
 
 from __future__ import annotations

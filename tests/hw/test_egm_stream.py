@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The position stream's numbers, clock and senders, when they are not what they should be."""
 
 from __future__ import annotations

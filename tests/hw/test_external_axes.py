@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """External axes beside six joints: carried while they stand, refused by name once one moves."""
 
 from __future__ import annotations

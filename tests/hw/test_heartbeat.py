@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot stops by itself without the rig's heartbeat; how fast it may be then."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples that come late: a limb that moves through a gap is neither jammed nor jumping."""
 
 from __future__ import annotations

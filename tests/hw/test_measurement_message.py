@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A measurement says what was done: averaging time, samples and the middle of them."""
 
 from __future__ import annotations

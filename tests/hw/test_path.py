@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths of the loaded robot: their points, and the speeds that the safety envelope allows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of a loaded robot's path: read as written, or refused with the row."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Speeds of the platform: late deliveries make none, and wrong stamps hide none."""
 
 from __future__ import annotations

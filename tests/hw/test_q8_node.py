@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The q8_ati_bridge node itself, on a fake card."""
 
 from __future__ import annotations

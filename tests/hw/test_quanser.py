@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Q8 back end, call by call, on a fake of the vendor's API."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What every robot has to do for the rig: one test for all controllers that are simulated."""
 
 from __future__ import annotations

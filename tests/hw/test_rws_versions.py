@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig's RWS client against simulated controllers of both versions, also over a bad network."""
 
 from __future__ import annotations

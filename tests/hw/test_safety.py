@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The safety envelope: every fault, injected in the simulated rig under load, is found and safe."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Controllers that drip or hang at any place of an exchange: its deadline holds for all of it.
 
 A time-out of each read is none: every byte begins it anew. A peer that never ends its answer ends

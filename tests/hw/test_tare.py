@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When the sensor's bias may change: slack cables, rest, a plausible change; and its file."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification of the tool: what is no tool's weight is refused, with the cause."""
 
 from __future__ import annotations

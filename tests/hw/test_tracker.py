@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Laser tracker: the service seen by a stranger, our client, the beam, the noise and the drift."""
 
 from __future__ import annotations

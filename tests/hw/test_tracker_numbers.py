@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a tracker's server reports, held against what is known before."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated UR controller, seen by other people's client, ur-rtde, where it is installed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """UR over RTDE: what the maker's protocol can do wrong, and what the rig's client makes of it."""
 
 from __future__ import annotations

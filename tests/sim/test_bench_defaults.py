@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demo and `ros2 launch` of the bench give the same time-outs, scaled with the rig's pace."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demo's judgement: what this computer missed is told apart from what the software missed."""
 
 from __future__ import annotations

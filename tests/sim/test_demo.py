@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demo as a user starts and interrupts it."""
 
 from __future__ import annotations

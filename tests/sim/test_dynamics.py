@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chapter 2's dynamics: Lagrange by finite differences, Newton, energy, momentum over a minute."""
 
 from __future__ import annotations

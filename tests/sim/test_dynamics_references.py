@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chapter 2's dynamics against pinocchio and MuJoCo, where they can build the model."""
 
 from __future__ import annotations

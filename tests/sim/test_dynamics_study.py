@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `make dynamics` leaves: numbers, pictures, and a failure that counts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The faster control design on the full plant: through the real nodes, and over many plants."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fault campaign: its judgement on made-up trials, and one trial on the real graph."""
 
 from __future__ import annotations

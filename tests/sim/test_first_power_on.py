@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """First power-on: swaps of motors, encoders, switches, cables and gauges are told by name."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Flexible joints: balance, energy, virtual work, hysteresis, the linear limit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The generated fault campaign in one process: its plan, its summary, and a few of its trials."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the bridge does after all controllers: amplifiers that drive, speeds, encoders that stop."""
 
 from __future__ import annotations

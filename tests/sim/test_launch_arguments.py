@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every argument of both launch files: a right, a wrong and a misspelt value."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Margins, vibration and time scales of the control designs, against python-control."""
 
 from __future__ import annotations

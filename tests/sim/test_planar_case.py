@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The 900 m case of section 2.5 and redundancy resolution for planar robots."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plant's physics: equilibrium, energy, friction, backlash, spring; converters and switches."""
 
 from __future__ import annotations

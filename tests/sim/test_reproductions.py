@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The source's results computed anew: numbers against what is printed and what other codes say."""
 
 import json

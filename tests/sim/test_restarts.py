@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bridge that starts again under a load: the wrench is right or not known, never wrong."""
 
 from __future__ import annotations

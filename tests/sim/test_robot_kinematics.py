@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's kinematics against pinocchio and finite differences; its stored configurations."""
 
 from __future__ import annotations

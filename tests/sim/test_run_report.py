@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bench run from a bag: joining, judging, drawing, reporting."""
 
 import json

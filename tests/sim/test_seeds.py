@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A seed of the simulated rig reaches every source of noise."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limbs of different springs, and cables that give way by their length, under control.
 
 The plant's true tensions are the second opinion.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bridge that starts again under a load, without a bias, with switches that say the wrong thing.
 
 Nothing is known then: cables that pull read as slack ones, and the sensor's numbers have no zero.

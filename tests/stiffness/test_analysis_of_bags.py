@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign from its bag alone: the truth is found, foreign bags are refused topic by topic."""
 
 from __future__ import annotations

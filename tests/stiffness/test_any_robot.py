@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots of seven joints, with a rail, and with a ball bar instead of a tracker.
 
 Kinematics from the makers' data sheets; the loaded robot is a product of homogeneous matrices.

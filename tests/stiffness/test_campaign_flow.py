@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The flow of figure 4.5 against a rig that is a list of answers."""
 
 from __future__ import annotations

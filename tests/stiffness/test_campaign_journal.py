@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign's folder survives what can happen to it; windows and their averages."""
 
 from __future__ import annotations

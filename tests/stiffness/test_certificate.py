@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Budget, measured compliance and certificate, against robots of plain homogeneous matrices."""
 
 from __future__ import annotations

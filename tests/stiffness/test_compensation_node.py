@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The compensation node answers with the numbers of its library."""
 
 from __future__ import annotations

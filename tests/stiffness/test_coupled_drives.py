@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots whose drives are coupled, and arms of few or many joints."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign's bag in the forms of `ros2 bag record`: analysed to the same digits.
 
 The bags are rewritten by rosbags' own writer, split by hand as rosbag2 splits them.

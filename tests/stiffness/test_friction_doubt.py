@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Friction of another form than the estimator's: its stiffness is within the stated deviations."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The hidden robot is physics, and what identifies cannot reach its settings."""
 
 from __future__ import annotations

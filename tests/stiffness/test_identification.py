@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification: recovery, independent solutions, models, outliers, what is not identifiable."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ladder of models on robots of plain homogeneous matrices, none of the estimator's code."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ladder's sums over cells against the same from whole matrices."""
 
 from __future__ import annotations

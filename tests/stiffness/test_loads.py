@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From measured loads to the stiffness: the tracker's registration and the passes agree."""
 
 from __future__ import annotations

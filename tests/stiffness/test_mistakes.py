@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Data that are wrong as a whole are refused, whatever the design; good ones that scatter are not.
 
 The laboratory is tests/harness/stiffness_lab.py, whose robots are products of matrices.

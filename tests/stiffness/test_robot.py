@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robot model: kinematics against the simulation's and pinocchio's, K_C, moved screws."""
 
 from __future__ import annotations

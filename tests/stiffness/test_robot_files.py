@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots from Denavit-Hartenberg tables, and files that are refused with the remedy."""
 
 from __future__ import annotations

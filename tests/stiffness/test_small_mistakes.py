@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Mistakes too small to be seen for certain: named, or held by the deviations."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A laboratory's table against robots that are none of the project's code."""
 
 from __future__ import annotations

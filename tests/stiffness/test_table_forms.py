@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One table in the forms in which programs write it: all say the same, or are refused."""
 
 from __future__ import annotations

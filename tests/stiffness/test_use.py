@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a result is used for: prediction, compensation, compliance; and the design of campaigns."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identified stiffness used outside: springs in simulators' files, corrected programs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Verdicts name what is wrong, and survive a file; the data are of an independent robot."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables with one thing wrong, and robots beyond the model whose stiffness only seems to scatter.
 
 The table's wrench is in base axes, and its mistakes are named there.

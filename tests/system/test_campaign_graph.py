@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A short campaign through all real nodes in lockstep: killed, paused, aborted, completed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every executable: help starts nothing; mistakes are told at once, with exit code 2."""
 
 from __future__ import annotations

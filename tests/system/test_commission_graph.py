@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """commission_bench on the real graph: what it writes, against the simulated rig's truth."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The console in a real browser, on the real graph; what counts is seen on the graph."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files in the forms that others write: every row of the corpus's table is right."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The real nodes with the designed geometry and another tension method, in lockstep."""
 
 from __future__ import annotations

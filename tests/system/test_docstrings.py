@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Public functions of two or more arguments describe them; the list of the others shrinks."""
 
 import ast

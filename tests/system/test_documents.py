@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pages: README's length, links that lead somewhere, an index that names every page."""
 
 import re

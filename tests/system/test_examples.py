@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The examples run as a reader would run them, stay short, and print what they promise."""
 
 import os

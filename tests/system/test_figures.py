@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/figures.md: each block belongs to a command, and is written from what that left."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Before the wiring has been checked nothing else moves; afterwards the rig is as any other."""
 
 from __future__ import annotations

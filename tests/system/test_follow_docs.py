@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands in README and pages: each is known, names what exists, and runs when it is followed."""
 
 import shlex

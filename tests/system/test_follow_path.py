@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot is led along a path while the cables hold a load, through all nodes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """/tf and /tf_static against pinocchio, with a stand-in for tf2_msgs, which has no wheel."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """FREE_MOVING and UNLOADING on the simulated plant: the real bridge, the real controller."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The fuzzer finds bugs that are planted, goes on where it was, and finds none today."""
 
 from __future__ import annotations

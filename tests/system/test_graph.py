@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The real graph: processes, DDS, kills, bad messages, refusals, lockstep."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """installing.md and Dockerfile install what the packages import, not into Ubuntu's Python."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/interface.md: made from the code, complete, up to date."""
 
 import pytest

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands that jump: limbs and wrench still arrive, and nothing calls it a fault."""
 
 from __future__ import annotations

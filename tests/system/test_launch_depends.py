@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """package.xml names what a launch file and the processes that a package starts need to run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A launch tells by its exit code that a node failed; runs where ROS 2's launch is installed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Learning through the real nodes: a programme that is repeated is followed better each time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The real graph under load: whatever ends a process, the cables are unloaded first."""
 
 from __future__ import annotations

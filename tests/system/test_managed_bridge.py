@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge's lifecycle through the real nodes: inactive it measures, and moves nothing."""
 
 from __future__ import annotations

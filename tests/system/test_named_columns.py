@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows and columns have names, and kernels have short argument lists, in all four packages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A platform that hangs on its cables alone: the real nodes grant no mode with currents."""
 
 from __future__ import annotations

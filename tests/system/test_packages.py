@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The workspace as ROS sees it: package types, dependencies, installation, who imports whom."""
 
 import ast
@@ -24,6 +25,7 @@ MAY_IMPORT = {
     "cabols_sim": {"cabols_hw", "cabols_control", "cabols_msgs"},
     "cabols_stiffness": {"cabols_control", "cabols_msgs"},
 }
+SPDX = "# SPDX-License-Identifier: Apache-2.0"
 ROS_FOLDERS = {"nodes", "ros", "launch"}
 ROS_ONLY_THERE = {"rclpy", "cabols_msgs"}
 
@@ -310,3 +312,19 @@ def test_every_package_declares_a_typed_interface():
     for package in PYTHON_PACKAGES:
         assert (PACKAGES[package] / package / "py.typed").is_file()
         assert list(PREFIX.glob(f"lib/python3.*/site-packages/{package}/py.typed"))
+
+
+def test_every_source_names_its_licence():
+    """By an SPDX line (ISO/IEC 5962) among the first two, as tools for licences read it."""
+    folders = [*PACKAGES, "examples", "tests", "tools"]
+    sources = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    texts = {
+        path: path.read_text(encoding="utf-8")
+        for path in sources
+        if not path.name.endswith(("_pb2.py", "_pb2_grpc.py"))
+    }
+    assert len(texts) > 900
+    bare = [
+        p.name for p, text in texts.items() if text.strip() and SPDX not in text.split("\n")[:2]
+    ]
+    assert not bare, f"begin them with {SPDX}"

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """People count from 1: no text for people shows an index from 0.
 
 Only the functions of cabols_control/naming.py cross over. A text that names a limb, cable, joint,

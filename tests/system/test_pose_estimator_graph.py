@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pose estimator beside the real nodes: it judges, and nothing disagrees."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What version 0.1 wrote still opens: its bags, its campaign's folder, its rig's YAML files.
 
 tests/data/v0_1/README.md says how 0.1 made each of them.

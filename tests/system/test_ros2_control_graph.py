@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limbs as joints of ros2_control, through the real nodes, with the plugin's messages."""
 
 from __future__ import annotations

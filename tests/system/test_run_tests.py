@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command behind `make test`: its halves are disjoint and complete, its verdict is both's."""
 
 from __future__ import annotations

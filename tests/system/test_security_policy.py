@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The SROS2 policy names all that the running nodes do, and nothing that no table names."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The packages' rooms: no import in a circle or upward, no long file, tables that are up to date.
 
 Each rule is also held against a small tree that breaks it.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rules of the tests themselves, each held against a planted violation, too."""
 
 from __future__ import annotations

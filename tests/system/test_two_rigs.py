@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Two rigs on one machine, in one DDS domain: not one message of one reaches the other."""
 
 from __future__ import annotations

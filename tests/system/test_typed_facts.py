@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Text is for people: no code of the packages decides by a reason, a message or a line of a log.
 
 What a program needs is a number or a name in a field of its own: Mode.cause, LoopStatus.fault, the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """docs/your_rig.md, followed: its commands, its edits, and a short run of each rig at the end."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Many serialised messages of one type as numpy arrays, without an object per message.
 
 The first message gives the layout (cabols_control.cdr) of all that agree with it in size, strings

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Comparing bags: two lockstep runs must record the same bytes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message definitions and their hashes, as a bag carries them."""
 
 from __future__ import annotations

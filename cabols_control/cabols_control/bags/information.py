@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a bag says of itself, without reading its messages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When the recorder subscribes to a topic whose other readers are to be served first; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counting lost messages from publication numbers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names in a bag: topics absolute on disk, relative for people; types with their middle part."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reading bags for analysis: arrays by topic and field, or one message after the other."""
 
 from __future__ import annotations

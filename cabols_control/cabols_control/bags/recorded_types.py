@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Types as a bag records them: its definitions in their forms, and the installed ones beside."""
 
 from __future__ import annotations

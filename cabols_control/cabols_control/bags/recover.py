@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recover bags whose recorder was killed: `recover BAG`."""
 
 from __future__ import annotations

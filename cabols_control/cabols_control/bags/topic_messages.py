@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages of one topic, gathered in a pass, each decoded by its own recorded definition."""
 
 from __future__ import annotations

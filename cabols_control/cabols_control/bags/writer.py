@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Write rosbag2 folders with one MCAP file that survives a kill of its writer."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Launch arguments as a person types them: converted and looked up before a node starts."""
 
 from __future__ import annotations

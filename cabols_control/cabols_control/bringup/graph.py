@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Puts graphs together from what the packages declare; names no node and no package itself.
 
 A package declares its nodes and arguments in its module `bringup_nodes`. The packages are found by

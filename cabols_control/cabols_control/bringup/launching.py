@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Functions of both launch files; only they import it, as `launch` is not installed everywhere."""
 
 from __future__ import annotations

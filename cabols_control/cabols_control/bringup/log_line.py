@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A line of a node's output with its severity, so that no other code reads texts."""
 
 from __future__ import annotations

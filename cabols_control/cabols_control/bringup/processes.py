@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small process supervisor, for computers without `ros2 launch`.
 
 Starts the nodes in order, prefixes their output, ends all when one ends, in reverse order: SIGINT,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """SROS2 policies of the graph, from its tables of nodes, topics and services.
 
 A policy allows each node what its row says, and nothing else: a stranger's motor current or mode is

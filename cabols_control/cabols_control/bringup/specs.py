@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a package declares of its nodes: topics, arguments, part in the graph."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calibrate a rig from its own readings: points, pulleys, k_e, sensor; or plan where to read.
 
 With --plan, writes the poses to stop at. With DATA, a table of readings at such stops, estimates,

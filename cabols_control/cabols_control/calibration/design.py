@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which poses tell most: a greedy choice for what the calibration is for.
 
 Each stop is the one of the candidates that takes most from the expected squared errors of

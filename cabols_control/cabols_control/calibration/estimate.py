@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Estimate of a rig's parameters from readings, with covariance and what the data told.
 
 Gauss-Newton on readings weighted with their whole covariance (errors of the poses included), with

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the rig's sensors read at a pose, for all poses at once: lengths and wrenches.
 
 The same kinematics as `cable_kernels`, in numpy over arrays of poses, so that the derivatives by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a self-calibration estimates: names, places in one vector, and what is known before."""
 
 from __future__ import annotations

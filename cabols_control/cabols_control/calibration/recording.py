@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of a self-calibration: the table of readings, the plan of stops, the rig that results."""
 
 from __future__ import annotations

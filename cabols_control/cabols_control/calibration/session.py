@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `calibrate_rig` does: a plan of stops, or a rig from its readings; see command.py."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of commissioned limbs, drawn without a display."""
 
 from __future__ import annotations

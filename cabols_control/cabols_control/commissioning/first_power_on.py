@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """First power-on of a rig: is each limb's motor, encoder, switch and pull its own? Pure.
 
 With slack cables one limb after the other is wound in by short pulses of 0.1 A, 5 mm at most, until

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How old the robot's poses are at their stamps, by a recorded motion under load; pure.
 
 The tensions by encoders and pose, and the force/torque sensor, say the same wrench: at any time

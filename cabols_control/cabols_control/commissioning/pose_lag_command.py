@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identify how late the robot's poses are, from a recorded motion under load.
 
 The robot has to move while the cables pull, best to and fro at 50 mm/s: see the action follow_path.

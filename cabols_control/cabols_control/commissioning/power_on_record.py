@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which limbs of which configuration have passed the check at first power-on; on disk."""
 
 from __future__ import annotations

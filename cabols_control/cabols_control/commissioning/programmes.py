@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commissioning programmes of one limb: next command, end, record; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models, gains and the limbs' YAML from the records of commissioning programmes."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who may open the console, and which of its pages is in command."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limits on connections of the console's server, before any request is read whole.
 
 A request that is never completed would keep its connection, and a thousand of them all of the

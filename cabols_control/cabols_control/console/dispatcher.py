@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What all pages of one console share: newest values, the page in command, the rig's services."""
 
 from __future__ import annotations

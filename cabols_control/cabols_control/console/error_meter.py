@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Error of the wrench against the command while a programme runs, for the page; pure."""
 
 from __future__ import annotations

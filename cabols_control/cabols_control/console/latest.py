@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Newest values of the rig, handed from the thread that receives them to the pages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Access middleware of the console's server: token, origin and size of every request, as ASGI."""
 
 from __future__ import annotations

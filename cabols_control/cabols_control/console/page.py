@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The only page: header, state of the rig, controls of the operator."""
 
 from __future__ import annotations

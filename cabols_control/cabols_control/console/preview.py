@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A load programme as a small picture, in SVG."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Finished reports of stiffness campaigns."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The console's web server: the middleware, the pages' WebSockets, the page itself."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Load programmes that an operator uploads; each is checked before it is stored."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a page shows of the rig's modes, loops and devices, in words."""
 
 from __future__ import annotations

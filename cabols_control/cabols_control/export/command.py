@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command `export`: topics of any bag as csv, parquet, mat or hdf5."""
 
 from __future__ import annotations

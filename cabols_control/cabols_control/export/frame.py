@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A topic that was read into memory as a pandas.DataFrame."""
 
 from __future__ import annotations

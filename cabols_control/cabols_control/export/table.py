@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A topic's messages as columns of one table, the same for every batch of a bag."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Several topics on one time base: values held, or interpolated between neighbours; pure."""
 
 from __future__ import annotations

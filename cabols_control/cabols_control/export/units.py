@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Units of message fields, from the comments of the message definitions; pure."""
 
 from __future__ import annotations

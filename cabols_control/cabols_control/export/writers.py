@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of other programs: csv, parquet, hdf5, mat. All but mat are written batch by batch."""
 
 from __future__ import annotations

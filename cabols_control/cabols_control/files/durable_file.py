@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small files that survive a cut of the power: complete, or as they were before."""
 
 from __future__ import annotations

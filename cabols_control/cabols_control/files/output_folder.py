@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Folders that commands fill: what a command did not write, no command deletes or overwrites.
 
 A folder that a command makes carries the file `.cabols_output`: which command, whether its run came

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers in files, as people write them; Python's own readers take more forms.
 
 float() and int() read `1_0` as ten and take digits of every script: a file that means something

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a rig's computer remembers between starts."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """YAML as it is written, with the line of every key; what only looks like a number is refused.
 
 YAML 1.1 reads `yes` as true, `0145` as 101 and `1:30` as 90, keeps the last of two equal keys, and

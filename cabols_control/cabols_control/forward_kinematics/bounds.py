@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How much lengths can change over a region of poses: bounds that hold, not estimates; compiled.
 
 Along a straight path of position and rotation vector from a pose, at speeds v and w, a cable whose

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Gauss-Newton for the pose whose cables have given lengths, damped where it has to be; compiled.
 
 The lengths' derivative along a motion (v, omega) is -A^T (v, omega) (`cabols_control.kinematics`),

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The platform's pose from its cables' lengths: arguments checked, answers with their meaning."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether a pose is the only one in a region whose cables have the given lengths; compiled.
 
 Branch and bound: the region is cut into boxes until each is shown to hold no pose with the lengths,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a forward kinematics is asked for, and its scratch: records, passed by address."""
 
 from __future__ import annotations

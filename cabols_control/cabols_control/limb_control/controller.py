@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limb controller: from limb state, mode and tension command to currents; pure."""
 
 from __future__ import annotations

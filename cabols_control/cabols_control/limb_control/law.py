@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limb law (3.10): tension control by an inner velocity loop, for n limbs at once."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records of the compiled limb step: one for each limb, one for each mode's task."""
 
 from __future__ import annotations

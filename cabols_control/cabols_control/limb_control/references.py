@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From limb states to the law's inputs: kind of control, reference, position; compiled."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The limb controller's step, from message to message in one compiled call, for all modes.
 
 Arithmetic is not the cost of a step at 1 kHz: after a millisecond of other processes' work each

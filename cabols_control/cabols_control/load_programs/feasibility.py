@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the cables can give every wrench of a load programme at one pose."""
 
 from __future__ import annotations

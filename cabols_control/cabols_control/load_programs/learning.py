@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What one run of a programme teaches the next: iterative learning of a repeated programme.
 
 Feedback and preview know neither friction nor backlash, and these come back with every run. So the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Learning over runs: what was learnt of each programme is kept on disk (learning.py)."""
 
 from __future__ import annotations

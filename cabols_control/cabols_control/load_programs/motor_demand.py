@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast a programme may be: the least smoothing for which the motors' current suffices."""
 
 from __future__ import annotations

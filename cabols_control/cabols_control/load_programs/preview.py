@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A programme that is known in advance, followed without lag: smoothed, then previewed.
 
 The wrench follows its reference by the designed response G of (3.26). A reference that is the

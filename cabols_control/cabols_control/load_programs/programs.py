@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Load programmes: desired wrench over time, built in or from CSV."""
 
 from __future__ import annotations

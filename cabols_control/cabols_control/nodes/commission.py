@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tool: commissions limbs of a running rig, writes limbs.yaml, gains.yaml, a table and figures."""
 
 from __future__ import annotations

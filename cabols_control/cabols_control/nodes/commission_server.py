@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Action commission_limb of the limb controller: hands programmes over, takes their records."""
 
 from __future__ import annotations

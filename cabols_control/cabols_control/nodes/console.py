@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: the operator's console, a web page; its heartbeat names the operator to the supervisor."""
 
 from __future__ import annotations

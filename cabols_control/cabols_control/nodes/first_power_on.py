@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tool: checks a rig's wiring at its first power-on, one limb after the other."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: the rig's frames on /tf and /tf_static, and its URDF on robot_description."""
 
 from __future__ import annotations

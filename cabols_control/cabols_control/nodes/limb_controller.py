@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: answers each limb_state with motor_current, for all limbs or a subset."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: publishes a load programme's wrenches; action run_program, service check_program."""
 
 from __future__ import annotations

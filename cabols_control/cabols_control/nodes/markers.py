@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: the rig as markers for RViz, ten times a second from the slow copies."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: robot, encoders, sensor and tracker against each other, from slow copies of their topics.
 
 Twenty-two samples a second come beside the control loop, as for the operator's page. It observes:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: records topics as they were sent, into bags that survive kill -9; service record."""
 
 from __future__ import annotations

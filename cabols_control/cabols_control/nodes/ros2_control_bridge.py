@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: limbs as joints of ros2_control, their tensions as the joints' efforts."""
 
 from __future__ import annotations

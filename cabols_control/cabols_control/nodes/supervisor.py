@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: owns the mode; services set_mode, emergency_stop and reset."""
 
 from __future__ import annotations

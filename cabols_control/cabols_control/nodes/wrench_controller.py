@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: answers each wrench with a tension_command."""
 
 from __future__ import annotations

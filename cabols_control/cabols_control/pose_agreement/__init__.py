@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sources of the platform's pose against each other: which of them disagrees."""
 
 from .estimator import Estimate, Measured, PoseEstimator, State, rig_noise

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pose estimator: what bridge, robot and tracker send, in; which of them disagrees, out.
 
 It takes the zeros as the bridge has set them, places the tracker where frames.yaml has it, and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What may be wrong where sources of the platform's pose disagree, and what each would look like.
 
 The springs turn lengths into forces: the residual is the sensor's wrench less A tension, with

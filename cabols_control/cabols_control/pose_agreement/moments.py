@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples of limbs and sensor with the platform's pose at their time.
 
 Slow copies of the topics come at their own times, some 45 ms apart. A sample is used once poses

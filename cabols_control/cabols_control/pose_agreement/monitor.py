@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pure logic of the pose estimator: robot, encoders, sensor and tracker against each other.
 
 At each sample the sensor's wrench is compared with what the springs give by the robot's pose and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What counts as agreement between the sources of the platform's pose.
 
 What the sensor shows beside what the springs give has two parts. One is new in each sample. The

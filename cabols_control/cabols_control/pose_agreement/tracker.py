@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Readings of the laser tracker against what is expected by the robot's pose and earlier readings.
 
 A robot's pose is wrong by half a millimetre, but by almost the same where it comes back to: what

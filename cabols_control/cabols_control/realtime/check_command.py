@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command: what this computer's kernel gives a control loop, and what to set."""
 
 from __future__ import annotations

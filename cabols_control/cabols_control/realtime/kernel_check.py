@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a kernel gives a control loop of 1 kHz, and what is to be set where it gives too little."""
 
 from __future__ import annotations

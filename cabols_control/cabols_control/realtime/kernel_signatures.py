@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Count of compiled kernels and their kinds of arguments.
 
 A kernel that gets a new kind of argument (a read-only array, say) is compiled at once, which takes

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Scheduling of a control process: real-time class, memory, core, idle states; by parameter."""
 
 from __future__ import annotations

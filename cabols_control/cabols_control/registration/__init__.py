@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rigid poses from measured points, with their covariance."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reflectors measured by a laser tracker: a platform's pose, and the tracker's frame.
 
 Frames: {T} tracker, {B} robot base, {P} platform. p_T = p_TP + R_TP b for a reflector at b in

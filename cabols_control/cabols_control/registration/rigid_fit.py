@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Common parts of both registrations: Kabsch's rotation, and Gauss-Newton with covariance."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Make a rig's folder of what version 0.1 kept in single YAML files.
 
 Names one of 0.1's files or a folder of them. Each is known by its name, or by its keys where it has

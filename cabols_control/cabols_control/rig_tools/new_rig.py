@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Make the folder of a new rig: a copy of the reference bench's, for 7, 8 or 10 cables.
 
 With `--robot` another arm of six joints holds the platform where the bench's robot does.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of a new rig whose robot is not the bench's: kinematics, configurations, tool."""
 
 from __future__ import annotations

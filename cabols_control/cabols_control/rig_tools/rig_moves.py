@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """New places of the files and keys of 0.1, for migration by people or programs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A URDF of a rig, from its folder: frame, cables' points, robot, platform, sensor, tracker.
 
 The robot's own URDF is taken over as it is; its base hangs on the rig's base frame, the platform on

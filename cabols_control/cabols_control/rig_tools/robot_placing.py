@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joint angles with which an arm holds the platform at given poses: a new rig's configurations."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What ros2_control needs in a URDF: the limbs as joints, and the topics that they are on."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When a process is asked to end: by a signal, or by the death of the process that launched it."""
 
 from __future__ import annotations

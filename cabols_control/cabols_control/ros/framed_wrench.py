@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrenches in a frame of the rig, as messages: desired ones are read, measured ones told."""
 
 from __future__ import annotations

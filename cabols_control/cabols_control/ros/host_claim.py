@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Names that one process of a host can have at a time, until it ends, however it ends."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """CDR of fixed-size messages as numpy records: what a 1 kHz topic costs is a copy.
 
 A Layout computes once, from rclpy's definition of a message and the lengths of its sequences,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commissions one limb of a running rig, and waits where the rig is only not ready yet."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records limb states and wrenches during an action, for figures."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Slow copies of fast topics, for pages and viewers that must not slow the control loop.
 
 A reader of a 1 kHz topic costs a thread's wake-up a thousand times a second, and its writer one

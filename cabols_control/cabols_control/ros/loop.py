@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The control loop of a node: one thread on a wait set over raw subscriptions."""
 
 from __future__ import annotations

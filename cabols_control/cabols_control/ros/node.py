@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Base of all control nodes: configuration, loop, status reports, orderly shutdown."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Asks every node of the graph for its parameters, once: what ran, not what was to run."""
 
 from __future__ import annotations

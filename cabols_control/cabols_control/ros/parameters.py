@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ROS parameters that several nodes share, declared with description and bounds."""
 
 from __future__ import annotations

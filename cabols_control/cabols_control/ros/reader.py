@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Messages of a topic as objects, taken on a look: no executor wakes for them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One recorded topic: subscribed to at once, or after the control loop's own readers."""
 
 from __future__ import annotations

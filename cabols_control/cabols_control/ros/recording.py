@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One bag being recorded: topics are taken as they were sent, in one thread, written in another."""
 
 from __future__ import annotations

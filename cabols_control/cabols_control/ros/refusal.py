@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Goals that are refused: accepted and ended at once, so that the client reads why.
 
 A goal that an action server rejects tells its client nothing else. Refused goals are therefore

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One node a role: a second one refuses to start, and a second publisher is named."""
 
 from __future__ import annotations

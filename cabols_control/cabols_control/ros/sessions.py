@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Inputs that follow one supervisor's session: the mode, and commands that carry its number."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The stop topic: who presses repeats until it is acknowledged, who hears acts and acknowledges.
 
 A service's request is lost if its server has just died: it is sent to an endpoint that still

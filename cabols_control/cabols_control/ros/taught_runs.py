@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs of load programmes that teach the next ones: what the node hears goes to the School."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node whose work is done at a fixed rate, in a thread of its own."""
 
 from __future__ import annotations

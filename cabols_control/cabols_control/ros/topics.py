@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Message types and byte layouts of the topics in cabols_control.topics."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Transport between the nodes of one machine: UDP on loopback, no shared memory.
 
 Fast DDS's shared memory (rmw_fastrtps's default on one machine) has a lock for each reading

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Acceptance table of a run: measured values beside the designed or allowed ones."""
 
 from __future__ import annotations

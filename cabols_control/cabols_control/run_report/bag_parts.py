@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Pictures of whatever topics a bag has: one part for each topic; missing ones are named."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Report of any bag: pictures of the topics that it has, the run's judgement where there is one."""
 
 from __future__ import annotations

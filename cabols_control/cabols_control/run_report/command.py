@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command `report`: one HTML file about any recorded run of a rig."""
 
 from __future__ import annotations

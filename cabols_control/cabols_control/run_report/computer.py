@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What of a run's late and lost cycles was this computer's doing; pure.
 
 Bare timers beside the run sleep to the same instants and do nothing else. What they miss, nothing

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Error of the wrench against what the user commanded, and against the curve that was meant."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judgement of a recorded bench run: numbers with units, compared with what was designed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's motion in a bag: platform, joints, the laser tracker's measurements."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the times before and after the load: free-moving, robot's motion, unloading."""
 
 from __future__ import annotations

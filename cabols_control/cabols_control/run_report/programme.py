@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the running load programme asked for, at every sample of a recorded run."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The report: one HTML file without any other file, and without network access."""
 
 from __future__ import annotations

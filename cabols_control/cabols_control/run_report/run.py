@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A recorded run as arrays over samples, joined by stamp."""
 
 from __future__ import annotations

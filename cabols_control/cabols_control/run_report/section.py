@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A section of a report beside the recorded run: text, numbers, a table, a picture."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Picture of a whole session over time: modes, joints, the platform's speed, tensions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Response of a wrench to its reference: rise time, steady error, cross-coupling of each step."""
 
 from __future__ import annotations

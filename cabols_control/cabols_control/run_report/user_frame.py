@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Recorded wrenches in the frame in which they were asked for, while the platform moves."""
 
 from __future__ import annotations

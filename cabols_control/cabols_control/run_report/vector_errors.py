@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sizes of errors of force and torque vectors, for reports and the page."""
 
 from __future__ import annotations

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Modes of the rig, and the checks of the supervisor."""

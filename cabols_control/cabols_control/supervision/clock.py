@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples whose clock goes back, such as those of a bridge that was restarted; pure."""
 
 from __future__ import annotations

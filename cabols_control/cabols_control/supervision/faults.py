@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The only table of faults: everything that a node can report as wrong, by name.
 
 LoopStatus.fault, Mode.fault and SetMode's answer hold such a name; programs decide by it alone. The

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What load the gears hold while the motors are off, in words; pure."""
 
 from __future__ import annotations

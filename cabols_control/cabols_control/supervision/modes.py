@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Operating modes of the rig (section 4.2.2) and the legal transitions between them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the operator's console of a rig still reports; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which process's reports count for a node: one at a time; pure.
 
 A ROS reader is not told who sent a message. Each process therefore draws a number when it starts,

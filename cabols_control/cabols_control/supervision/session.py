@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which supervisor's modes a node follows: one session at a time; pure.
 
 A ROS reader is not told who sent a message. Each supervisor therefore draws a number when it

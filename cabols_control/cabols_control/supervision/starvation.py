@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether silence means that nothing was sent, or that this process was stalled; pure."""
 
 from __future__ import annotations

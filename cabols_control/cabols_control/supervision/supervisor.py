@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reactions of the supervisor: automatic sequence, time-outs, faults; pure."""
 
 from __future__ import annotations

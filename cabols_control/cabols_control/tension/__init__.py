@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Redundancy resolution: cable tensions for a wrench.
 
 `distribute` for one call, `TensionResolver` for many wrenches at one pose, `RigTensionResolver`

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Arguments of redundancy resolution: checked, converted, or refused with what to do."""
 
 from __future__ import annotations

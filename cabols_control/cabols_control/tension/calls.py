@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From Python into the compiled code: a call costs a microsecond, most of it the way there.
 
 So there are few arguments, and status and iterations come back in one integer.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Redundancy resolution for one call: `distribute`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensions away from their limits at any redundancy: p-norm, barycentre, analytic centre.
 
 The feasible tensions t = t0 + N z are a polytope of as many dimensions as the cables have degrees

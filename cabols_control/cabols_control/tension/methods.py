@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which of the feasible tensions: minimum norm, p-norm, barycentre or analytic centre.
 
 All start from the minimum norm, which also decides feasibility. A wrench that is not feasible gets

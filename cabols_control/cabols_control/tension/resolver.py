@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Solvers to keep: one for a fixed pose, one for a rig whose pose changes with every call.
 
 Each holds one work array, so an object serves one thread.

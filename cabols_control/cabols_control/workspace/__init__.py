@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Workspace of a cable robot: poses with the required wrenches and without interference."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bodies that cables must not touch: platform, target and frame as capsules, from YAML."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What remains of a robot's wrenches when a cable parts: the share that the others can give."""
 
 from __future__ import annotations

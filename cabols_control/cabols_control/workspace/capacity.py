@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrench closure, wrench feasibility and capacity margins of poses and of structure matrices."""
 
 from __future__ import annotations

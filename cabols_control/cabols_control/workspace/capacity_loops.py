@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled loops over poses: the structure matrix, what is held, and the pose's capacity."""
 
 from __future__ import annotations

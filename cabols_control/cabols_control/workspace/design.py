@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Attachment points for the largest workspace: a symmetric family of rigs and its cost.
 
 The family: base points in the corners of two rectangles, one above and one below the platform's

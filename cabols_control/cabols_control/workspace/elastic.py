@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How far a load moves a platform that hangs on springs: stiffness and yield at a pose.
 
 The motors stand, so every limb is a spring of stiffness 1 / (1/k_e + l/EA). A platform that moves

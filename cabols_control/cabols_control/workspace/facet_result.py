@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Result of a pose, narrowed by one pair of facets after the other, compiled.
 
 Every reduction starts without a facet, lets NaN through, and ends by `finish_result`, which makes

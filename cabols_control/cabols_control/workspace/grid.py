@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Grids of positions and orientations, and results on them."""
 
 from __future__ import annotations

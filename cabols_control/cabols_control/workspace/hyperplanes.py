@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The cables' wrenches as hyperplanes: exact tests of a pose, compiled.
 
 The wrenches A t, tension_min <= t <= tension_max, form a zonotope. For a rank-m matrix each of

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether cables touch each other, the platform or the target: poses and ranges of orientation.
 
 Cables are straight segments from where they leave their pulleys (wheels count as no body), bodies

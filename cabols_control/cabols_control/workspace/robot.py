@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A cable robot for the workspace tool: geometry, tension limits, weight, from one file.
 
 A rig's folder describes the rig that is controlled. A robot that is only analysed needs less: its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Distance between two line segments, in closed form. Points are tuples (x, y, z) [m]."""
 
 from __future__ import annotations

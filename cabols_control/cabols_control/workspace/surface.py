@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Surface of a region given by values on a grid: marching tetrahedra, watertight."""
 
 from __future__ import annotations

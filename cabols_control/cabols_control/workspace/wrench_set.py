@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Required wrench set: the wrenches that a rig must be able to give."""
 
 from __future__ import annotations

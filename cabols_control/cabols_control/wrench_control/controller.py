@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The wrench controller's processing of a sample: setpoints, law, limits, staleness; pure."""
 
 from __future__ import annotations

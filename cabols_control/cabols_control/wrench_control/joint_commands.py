@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Setpoints of the limbs' tensions from efforts of joints, as ros2_control sends them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The wrench law (3.16), (3.17): PI on each component, then redundancy resolution."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tension setpoints in joint space: followed inside limits, ramped down when none arrive any more.
 
 Section 4.3: a wrench may be infeasible, positive tensions never are. A campaign that needs only a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's stored configurations and its tool, shared by client, controller, simulation."""
 
 from __future__ import annotations

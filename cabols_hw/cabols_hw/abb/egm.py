@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Reader of the robot's position stream (EGM): returns the newest packet, counts all.
 
 It never answers: an EgmSensor packet would be a correction to the robot's motion. Packets carry the

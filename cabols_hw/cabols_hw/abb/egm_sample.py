@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Content of one EGM packet, in SI units, or why it cannot be used."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig's heartbeat to the robot, which stops by itself when it is silent.
 
 The task T_CABOLS on the controller (rapid/cabols_watch.mod) takes one connection and reads bytes;

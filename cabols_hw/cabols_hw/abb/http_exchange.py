@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One HTTP request and its answer, within a deadline for the whole of it.
 
 The usual clients limit the time of each read: a peer that sends a byte now and then holds them for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """HTTP authentication of a client: digest (RFC 7616), as IRC5 asks, or basic, as OmniCore does."""
 
 from __future__ import annotations

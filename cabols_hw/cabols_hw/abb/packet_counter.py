@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counts the packets of a numbered stream, whatever its numbers and its clock do."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Paths of the loaded robot: points in joint space, from stored configurations or a file; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Demands to the RAPID program rapid/cabols.mod, as variables over Robot Web Services.
 
 The handshake: the rig writes cabols_target, cabols_done := FALSE and cabols_go := TRUE; the program

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An ABB robot: EGM for the stream, Robot Web Services of either version for motions."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Moves the robot to its stored configurations, over Robot Web Services of either version."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Answers of Robot Web Services: the wanted field, or why there is none and what to do.
 
 A controller answers in JSON or XHTML, with or without a character set, whatever was asked for.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Client of Robot Web Services: one session, several connections, retries within a deadline."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The two forms of Robot Web Services: 1.0 (RobotWare 6, IRC5) and 2.0 (RobotWare 7, OmniCore).
 
 Resources and forms after ABB's reference of each. 2.0 has other paths, wants its version in the

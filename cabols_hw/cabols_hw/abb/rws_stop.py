@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stopping RAPID over a bad connection: attempts that overlap, each on its own connection.
 
 A request may be lost, refused for a moment or hang; to stop twice does no harm. So an attempt

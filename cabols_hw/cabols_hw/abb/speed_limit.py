@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast the robot may move the platform while the cables' motors are held; pure.
 
 If everything of the rig dies at once, the gears hold and the robot goes on for the heartbeat's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judges a stream by its counters: lost and late packets, and packets that were refused."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge's own motions by encoders and switches alone: braking, and giving way; pure."""
 
 from __future__ import annotations

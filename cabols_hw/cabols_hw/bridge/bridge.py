@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge's processing of samples and commands; pure, without card, clock or ROS."""
 
 from __future__ import annotations

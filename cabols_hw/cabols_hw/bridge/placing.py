@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the platform puts the cables at a sample, and how fast it lengthens them; compiled."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counts and volts to metres, newtons and amperes, and back; compiled, stateless."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """When the gauges' present voltages are the sensor's bias, and when not; pure.
 
 A bias needs slack cables, a sensor at rest and a plausible change. Slackness is shown by the zeros

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge's own unloading, for when controllers must no longer be obeyed; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge's watchdog over commands: per limb, armed by the first command, latched."""
 
 from __future__ import annotations

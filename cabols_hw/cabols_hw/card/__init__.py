@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """The data acquisition card: configuration, wiring, back ends."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wiring and scaling between the card's volts and counts and the rig's units."""
 
 from __future__ import annotations

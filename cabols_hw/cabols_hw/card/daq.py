@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Interface of the data acquisition card, for hardware and simulated back ends."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Lateness of reading the samples of a free-running hardware clock; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The Quanser Q8 card: Daq over `quanser.hardware.HIL`, Quanser's Python API.
 
 That API is not on any package index and loads the vendor's library when it is imported, so it is

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wiring: the card's terminal of each device. Hardware channels count from 0."""
 
 from __future__ import annotations

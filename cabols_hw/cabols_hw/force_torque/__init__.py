@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """The force/torque sensor: calibration, tare, weight of the tool."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ATI force/torque sensors: the .cal file, and wrenches seen from another point or other axes.
 
 wrench = M (volts - bias). In the file a UserAxis row is M's row in the units that the file names,

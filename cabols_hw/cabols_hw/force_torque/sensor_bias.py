@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The force/torque sensor's bias and its file: it outlives the bridge, as a load on gears does.
 
 A bridge that starts while the gears hold a load must not take that load for zero. The newest bias

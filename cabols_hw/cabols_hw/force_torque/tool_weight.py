@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Weight of the tool on a force/torque sensor: its removal, and its identification with the bias.
 
 With the platform turned by R (platform to base axes) the tool pulls on the sensor with the force

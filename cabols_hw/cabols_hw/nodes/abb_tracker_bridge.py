@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: the ABB robot and the laser tracker as topics and actions."""
 
 from __future__ import annotations

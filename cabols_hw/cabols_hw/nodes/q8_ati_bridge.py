@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: the bridge on a Quanser Q8 card with an ATI force/torque sensor."""
 
 from __future__ import annotations

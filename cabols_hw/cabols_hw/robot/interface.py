@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The interface of a robot: a stream of its state, motions, a stop, and what it can.
 
 A maker's client implements Robot; the bridge and the contract test know nothing else.

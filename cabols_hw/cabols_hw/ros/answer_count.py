@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which samples the limb controllers have answered, and how long the answers took."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge's share in the sensor's bias: its file, and what to say about bias and held loads."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge node: paces the control loop, publishes samples, writes currents, guards them."""
 
 from __future__ import annotations

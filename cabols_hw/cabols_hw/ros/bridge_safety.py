@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limits of the bridge's safety envelope, as a node takes them from its files."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge as a managed node of ROS 2: only while it is active may its amplifiers be on."""
 
 from __future__ import annotations

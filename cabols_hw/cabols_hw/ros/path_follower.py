@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Action follow_path: leads the loaded robot along a path, at speeds that its stop allows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The platform's pose as the bridge reads it: judged as it comes, then extrapolated to samples."""
 
 from __future__ import annotations

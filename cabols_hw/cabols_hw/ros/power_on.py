@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bridge's share in the check at first power-on: whether it is required, and has passed."""
 
 from __future__ import annotations

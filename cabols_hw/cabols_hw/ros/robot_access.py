@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where the robot's controller is heard from, and its password: its bridge's parameters."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's position stream as topics: platform_pose and joint_states at the EGM rate."""
 
 from __future__ import annotations

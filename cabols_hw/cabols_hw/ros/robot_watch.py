@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot bridge's heartbeat: what the rig says of itself, and whether the robot listens."""
 
 from __future__ import annotations

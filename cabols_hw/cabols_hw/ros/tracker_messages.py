@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A tracker's reading as a message, and its state as numbers for /diagnostics."""
 
 from __future__ import annotations

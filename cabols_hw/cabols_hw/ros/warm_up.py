@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Warm-up of the bridge's kernels, for arrays as they lie in a message."""
 
 from __future__ import annotations

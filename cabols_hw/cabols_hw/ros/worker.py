@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One blocking call in a thread of its own, watched from the executor."""
 
 from __future__ import annotations

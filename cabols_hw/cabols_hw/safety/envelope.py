@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The safety envelope: the bridge's limits, whatever the controllers command; pure."""
 
 from __future__ import annotations

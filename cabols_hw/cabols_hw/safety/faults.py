@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults that the bridge finds in its samples, and its reaction to each."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a rig may do before its wiring has been checked: one limb, 0.1 A, 5 mm; pure.
 
 The bridge holds it after all controllers: with motors, encoders or switches exchanged no other rule

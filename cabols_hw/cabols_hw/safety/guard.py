@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The guard between controllers and amplifiers: watchdog, safety envelope, reactions; pure."""
 
 from __future__ import annotations

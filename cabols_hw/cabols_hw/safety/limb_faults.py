@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Faults of limbs, as the envelope reports them: their names, and what a person is told; pure."""
 
 from __future__ import annotations

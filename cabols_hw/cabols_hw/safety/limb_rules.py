@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled rules of the safety envelope about the limbs, applied to every sample in every mode."""
 
 from __future__ import annotations

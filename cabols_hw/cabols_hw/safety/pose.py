@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The safety envelope's rules about the platform's pose: range, jumps, speed, age; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled rules of the safety envelope about sensor and wrench, applied to every sample.
 
 A rule that needs time counts for how long it has been broken. The first broken rule is returned.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the sensor says while limbs search for their switches: a pull that grows; pure."""
 
 from __future__ import annotations

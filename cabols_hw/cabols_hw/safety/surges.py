@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled rules for a motor that gets more current than anybody commands, for every sample."""
 
 from __future__ import annotations

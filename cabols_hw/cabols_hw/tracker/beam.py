@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Noise of a laser tracker: small along the beam, larger across it."""
 
 from __future__ import annotations

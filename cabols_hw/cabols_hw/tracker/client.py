@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Client of the laser tracker's service; see tracker.proto and docs/tracker.md."""
 
 from __future__ import annotations

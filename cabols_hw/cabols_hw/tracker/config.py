@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Configuration of the laser tracker's client: its place, the reflectors, time limits."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of a tracker's server, held against each other and against the configured noise.
 
 A server may report in millimetres, report standard deviations as variances, leave a field at zero

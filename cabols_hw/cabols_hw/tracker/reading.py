@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A measurement of the tracker, checked."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One connection to a controller's RTDE port: handshake, packages, deadlines."""
 
 from __future__ import annotations

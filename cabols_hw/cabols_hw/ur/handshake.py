@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Registers by which the rig and the robot's program (`program.py`) understand each other."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's program in URScript, made from the rig's stored configurations."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot of Universal Robots: RTDE for the stream, and for motions by its program's registers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Packages of RTDE, protocol version 2: a size, a type and fields, all big endian; pure.
 
 After the maker's guide, "Real-Time Data Exchange (RTDE)": recipes name the fields that a data

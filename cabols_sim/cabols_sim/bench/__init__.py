@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Commands that run the simulated rig through the real nodes."""

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bare timer: waits for absolute instants, as the simulated card does, and does nothing else.
 
 Run as a process of its own beside the demo: `python -m cabols_sim.bench.bare_timer --period-ns N

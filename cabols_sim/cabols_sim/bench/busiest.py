@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which other programs keep this computer busy, from /proc: what to close."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stiffness campaign on the simulated rig: starts the bench in lockstep, runs it, analyses it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kills (-9) each node in turn during short campaigns on the simulated rig; nothing may be lost."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Limb commissioning on the simulated rig: starts the bench, runs the tool there, ends both."""
 
 from __future__ import annotations

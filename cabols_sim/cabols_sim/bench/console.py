@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The operator's console with the simulated rig: all nodes, devices and the page, until Ctrl-C."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The demo: a session on the simulated rig, recorded, analysed, reported.
 
 The robot moves, the cables follow; the limbs pre-tighten, load the robot by a 6-DOF wrench

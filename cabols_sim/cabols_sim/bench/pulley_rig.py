@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rig's folder whose cables leave pulleys: known to control, or in the simulated rig alone."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run the simulated bench as processes, for the demo, the benchmarks and the tests."""
 
 from __future__ import annotations

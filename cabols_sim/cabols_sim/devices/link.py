@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Private link between plant and device simulator: fixed records in UDP datagrams on loopback.
 
 The plant owns the physics and one known port. The devices request their truth from it with HELLO,

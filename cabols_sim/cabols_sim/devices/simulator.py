@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executable device_simulator: ABB controller and laser tracker, in a process of their own.
 
 Their Python threads would disturb the plant's loop; they get its truth over a loopback link.

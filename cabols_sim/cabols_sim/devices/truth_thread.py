@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A controller's cycle: a thread that acts on each new truth of the plant."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Dynamics of cable robots with cables of variable mass: chapter 2 of the source.
 
 `planar_robot`, `robot_of_rig` or `CableRobot` make a model; `mass_matrix`, `bias`, `gravity`,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Free motions that show whether energy and momentum balance, planar and spatial."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Vibration of the reference bench along a load programme, and the possible bandwidth of its loops.
 
 This project chose these unpublished values: the platform's radius of gyration, the part of the

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Equations of motion at a pose, in velocities of the degrees of freedom: no angles, no gimbal.
 
     D nu_dot + c + G = J_w^T tau + w

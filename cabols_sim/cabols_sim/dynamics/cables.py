@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cables as inertial forces on the platform's points.
 
 A cable's kinetic energy depends on its platform point B alone, so its Lagrange equation can be

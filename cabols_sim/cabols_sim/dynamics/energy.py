@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Energy and its sources: the power balance of a robot with a mass stream.
 
 From (2.18) with T quadratic in the velocities, d/dt (T + V) = P_tension + P_wrench + P_stream with

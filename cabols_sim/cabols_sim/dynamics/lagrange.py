@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """(2.29) in the source's coordinates x: D(x) x_dd + c(x, x_d) + G(x) = J_w^T tau + q_nc.
 
 Spatial: x = [position; Euler angles], intrinsic x-y-z in rad, singular at a second angle of 90 deg.

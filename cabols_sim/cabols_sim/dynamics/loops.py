@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Open and closed loops of a control design, linear: margins of delay, gain and vibration.
 
 The limb law (3.10) is opened at the motor's current, the wrench law (3.17) at the wrench's error.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Momentum of platform and cables by Newton and Euler, a check of the Lagrange equations.
 
 Cable material is followed through its acceleration, independently of variable-mass Lagrange

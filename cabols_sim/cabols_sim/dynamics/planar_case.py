@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The planar robot of section 2.5 with cables of about 900 m: what the variable mass does there.
 
 The source gives rho = 0.215 kg/m, 2500 kg, state (x, y, phi) and "in the order of 900 meters"; its

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensions for a generalized force, by the project's redundancy resolution; planar robots too."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A cable robot as chapter 2 sees it: a rigid platform and cables that are rods of variable length.
 
 Everything is spatial; a planar robot is a spatial one in the plane z = 0 that keeps the degrees of

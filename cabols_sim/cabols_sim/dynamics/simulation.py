@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forward dynamics: the motion under given tensions, the power balance integrated beside it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Slow and fast: the control loops and the vibrating platform as a singular perturbation.
 
 The loops' states are slow, the platform's are fast. With the platform always at its equilibrium

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Vibration of the loaded rig: platform and target as one body on springs and robot's joints.
 
 About an equilibrium with the motors standing, x being the platform's small twist displacement,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kinds of the generated campaign that are made once more with the real nodes; pure."""
 
 from __future__ import annotations

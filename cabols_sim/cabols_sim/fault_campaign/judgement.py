@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judgement of one trial: detection, time to a safe state, peaks; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kinds of faults that the campaign causes; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The campaign's table, its figures and whether its claims hold; pure."""
 
 from __future__ import annotations

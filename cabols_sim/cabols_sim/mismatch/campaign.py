@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A stiffness campaign of the hidden robot, as a rig would measure it: loads up and down."""
 
 from __future__ import annotations

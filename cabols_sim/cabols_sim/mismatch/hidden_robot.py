@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The hidden robot under loads: homogeneous matrices, many configurations at a time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Settings of the hidden robot, drawn by a seed: sizes as published for industrial arms."""
 
 from __future__ import annotations

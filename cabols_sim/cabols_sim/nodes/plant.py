@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: the simulated rig behind the real bridge, in place of q8_ati_bridge."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: the limb controller with a millisecond burnt in every cycle; for the simulated bench alone.
 
 It shows that slow software turns the demo red (`make demo ARGS=--slow-limb-law`). A rig's launch

@@ -1,1 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
 """Physics of the simulated rig behind a simulated card."""

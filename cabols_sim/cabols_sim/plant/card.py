@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A simulated Q8 card around the plant, with the interface of the hardware's back end."""
 
 from __future__ import annotations

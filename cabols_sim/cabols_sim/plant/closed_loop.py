@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The whole closed loop in one process, compiled: the same laws and physics as the nodes run.
 
 It starts where pre-tightening ends and does what bridge, limb controller and wrench controller do

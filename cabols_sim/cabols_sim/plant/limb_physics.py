@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Physics of a limb: motor with friction, gear backlash, spring, cable; compiled."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rig wired otherwise than its configuration says: exchanged, reversed and dead channels."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated rig between amplifiers and sensors; pure, advanced by the owner of the clock."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The body that holds the platform: interface of the flexible robot."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A platform that vibrates in the compiled closed loop: linear, about its first pose."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The source's results, recomputed: tables 3.1, 3.2, 4.2, figures 3.6, 3.8, equation (3.22)."""
 
 from __future__ import annotations

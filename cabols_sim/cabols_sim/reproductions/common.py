@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the reproductions share: the bench's configuration, the form of a result, the lone limb."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tables 3.2 and 4.2: gains of both loops from table 3.1 by (3.24), (3.25)."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Table 3.1: each limb's k and T, identified from steps of 0.5 A with the spring off."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """(3.22): the closed wrench loop is linear although redundancy resolution is not."""
 
 from __future__ import annotations

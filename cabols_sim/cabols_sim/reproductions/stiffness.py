@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figure 3.6: tension over elongation of a limb with and without its spring."""
 
 from __future__ import annotations

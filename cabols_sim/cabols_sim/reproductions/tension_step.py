@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figure 3.8: tension step of one limb with three poles at -10 1/s, with and without its spring."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The operator of the demo: leads the running graph through one session, step by step."""
 
 from __future__ import annotations

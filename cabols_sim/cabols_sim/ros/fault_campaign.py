@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executable fault_campaign: every fault, many times, in the simulated rig.
 
 It continues where it was interrupted; build/faults/trials.jsonl holds every trial.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs the trials of the fault campaign on the real graph, one after the other."""
 
 from __future__ import annotations

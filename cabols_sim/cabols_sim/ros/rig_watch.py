@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A simulated rig seen from outside: its truth kept, faults injected."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Figures of the dynamics study, drawn without a display."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chapter 2 and the springs' dynamics, computed: balances, the 900 m case, vibration, margins.
 
 Leaves figures and dynamics.json in the output folder and prints what they say.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The faster control design, proved on the full plant through the real nodes in lockstep.
 
 Runs the bench with the design for each programme, judges the recorded bags, and varies the plant in

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Search for poles and zero that reach a rise time with the least current, on the full plant."""
 
 from __future__ import annotations

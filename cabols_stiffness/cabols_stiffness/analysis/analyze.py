@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executable analyze: a campaign's folder, or a bag, to result.yaml, report.html and tables."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign's loads from a bag alone, streaming: memory does not grow with the bag."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """report.html: one file that needs nothing else, no network either."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where an analysis finds its data: a campaign's folder, or any bag."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Study of a campaign's loads: pooled stiffness, stiffness by configuration, validation."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options of the command `run_campaign`."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The flowchart of figure 4.5, as a generator that yields requests and receives the replies.
 
 It has no clock, topic or file. Its driver carries out each request; an abort is the generator's

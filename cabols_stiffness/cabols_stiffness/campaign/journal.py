@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign's folder: plan, finished loads, log of failures; survives interruptions.
 
 `campaign.yaml` holds the plan, `samples.csv` a line for each finished load, `log.csv` every retried

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The plan of a campaign: campaign.yaml, checked."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Requests of the campaign's flow, and the rig's replies."""
 
 from __future__ import annotations

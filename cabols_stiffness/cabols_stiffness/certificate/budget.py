@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Uncertainty budget of joint stiffness: type A from the fit, type B through sensitivities.
 
 A systematic effect moves every measured number by a known amount; what the fit then takes for

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measured static compliance of the robot at its mechanical interface, as ISO 9283 asks.
 
 No model of the joints: at each configuration the interface's displacement is fitted as a symmetric

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fields of a digital calibration certificate (DCC), as plain data for JSON.
 
 Names follow PTB's DCC schema, version 3, and units its D-SI; the file is data to fill a DCC from,

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A certificate from samples, their result and a statement."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The certificate as HTML and as PDF, with its plots."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a certificate needs and no measurement says: who, where, with what, and how well."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Cells of a table's file, as the programs of laboratories write them: CSV in its forms, Parquet.
 
 Between cells: comma, semicolon, tab, bar, or blanks. Text as UTF-8, or UTF-16 with its mark (a

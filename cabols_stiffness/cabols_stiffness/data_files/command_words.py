@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Words of command lines that several tasks take."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Words of units, and their factors to SI."""
 
 from __future__ import annotations

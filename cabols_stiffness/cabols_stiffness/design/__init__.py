@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Design of experiments: configurations and tensions for the smallest parameter covariance."""
 
 from cabols_stiffness.design.candidates import (

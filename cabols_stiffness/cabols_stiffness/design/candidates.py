@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What could be measured: configurations near the reference pose, tensions at their limits."""
 
 from __future__ import annotations

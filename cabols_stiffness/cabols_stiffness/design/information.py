@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Information of a load about the joints, in scaled units, before any measurement."""
 
 from __future__ import annotations

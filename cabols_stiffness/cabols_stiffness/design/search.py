@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """D- and A-optimal choice of loads: greedy, then exchanges (Fedorov 1972) until none helps."""
 
 from __future__ import annotations

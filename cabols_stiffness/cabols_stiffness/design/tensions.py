@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Optimal tensions for given configurations, in an order that is quick to measure."""
 
 from __future__ import annotations

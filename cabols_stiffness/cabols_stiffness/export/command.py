@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """cabols-stiffness export: identified joints for a simulator, as URDF, SDF, MuJoCo or CSV.
 
 `cabols-stiffness export result.yaml --robot robot.urdf --to mujoco` writes robot.mjcf.xml beside

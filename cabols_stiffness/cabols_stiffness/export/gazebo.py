@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot's URDF with its joints' springs for Gazebo, and the same as SDF.
 
 In URDF stiffness is no part of a joint: it is an extension of Gazebo's, in an element beside it. In

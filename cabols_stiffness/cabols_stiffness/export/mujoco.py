@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot with its joints' springs for MuJoCo (MJCF).
 
 Each joint is a spring about its commanded position: `springref` in the file, `qpos_spring` of a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Springs of a robot's joints, as far as a simulator's file can hold them."""
 
 from __future__ import annotations

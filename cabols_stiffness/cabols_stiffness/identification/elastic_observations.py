@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements against an elastic arm: residuals, what is measured of its motion, covariances."""
 
 from __future__ import annotations

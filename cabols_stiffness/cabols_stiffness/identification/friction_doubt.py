@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What friction of another form, or too small to be found, may have done to the stiffness.
 
 Friction is estimated where it is significant, in one form. Another form explains the same branches

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numerics of `identify`: weighted Gauss-Newton, outliers, and what the data determine.
 
 Parameters are the joints' compliance c = 1/b, in which the deflection is linear, so that estimates

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Hysteresis: friction torques of the joints, seen where loading and unloading branches differ.
 
 A joint's friction is springs in parallel, each behind a slider that gives (Maxwell slip, Iwan

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joint stiffness from samples: `identify`.
 
 Which errors are handled how. In the source's regression (4.17) the regressor is the measured

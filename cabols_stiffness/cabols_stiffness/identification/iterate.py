@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stiffness from measured loads: frames, corrections for the deflection, identification."""
 
 from __future__ import annotations

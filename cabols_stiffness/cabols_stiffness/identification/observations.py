@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Samples as observations of joint deflections: residuals, derivatives and weights.
 
 A measured motion m of the tool (a reflector's position, or a pose) is explained by the deflections

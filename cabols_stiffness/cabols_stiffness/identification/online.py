@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimate after every load of a running campaign."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Outliers where the stiffness differs between configurations.
 
 A sample of a configuration that is stiffer than the others lies as far from the pooled model as a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The source's own regression (4.17): least squares for the joints' stiffness, deflection known."""
 
 from __future__ import annotations

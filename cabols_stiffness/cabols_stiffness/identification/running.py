@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The estimate from all loads so far, as a campaign grows."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Predicted against measured deflection (figure 4.13), and the model chosen on held-out loads."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Candidates for the ladder's rungs: blocks with the strength of their prior, and friction."""
 
 from __future__ import annotations

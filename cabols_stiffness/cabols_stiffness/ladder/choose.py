@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The ladder: blocks are added one after the other, as long as held-out cells are predicted better.
 
 In each round every rung that is left is tried beside those already taken, in all its variants, on

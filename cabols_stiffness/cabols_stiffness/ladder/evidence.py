@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements against an elastic arm: whitened rows of any blocks, cell by cell.
 
 A cell is a configuration, or a load where there are too few configurations; cells are held out.

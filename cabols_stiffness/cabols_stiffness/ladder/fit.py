@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Fit of the chosen blocks to the exact balance, with covariance, scatter, the choice's doubt."""
 
 from __future__ import annotations

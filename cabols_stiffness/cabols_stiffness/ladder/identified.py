@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joint stiffness and an elastic arm from samples, by the ladder of models: `identify_ladder`."""
 
 from __future__ import annotations

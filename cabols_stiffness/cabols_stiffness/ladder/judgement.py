@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Verdict on what the ladder chose: chi-square, scatter, score tests of wrong data beside it."""
 
 from __future__ import annotations

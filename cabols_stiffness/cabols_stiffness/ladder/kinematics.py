@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kinematic errors and weights of the links, from where the unloaded references are.
 
 A group's constant part says nothing of stiffness, but it says where the unloaded robot was. Over

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Configurations whose joints differ beyond the model: their scatter, and rows weighted by it."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Sums over cells: all that a comparison of models needs of the whitened rows.
 
 A model is some of the columns; what it leaves at held-out cells, also weighted by the cells' own

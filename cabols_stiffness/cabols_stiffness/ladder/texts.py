@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the ladder chose, for people and for result.yaml."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Corrections of the data by a first result, for small errors that the deflection itself causes.
 
 Both are small (a tenth of a percent on the bench) but larger than the noise that a good campaign

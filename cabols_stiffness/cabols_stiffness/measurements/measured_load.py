@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One load as it was measured, unprocessed."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robot, tool, reflectors and tracker of a stiffness test: nominal values, checked."""
 
 from __future__ import annotations

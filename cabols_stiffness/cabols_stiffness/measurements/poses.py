@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """6-DOF deflections of the tool from three passes of the reflectors, as in the source.
 
 For tables, figures and comparison with the source; `identify` is more accurate with the points.

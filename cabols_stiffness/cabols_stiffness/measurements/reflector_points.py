@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Conversion of measured loads to the input of `identify`: points in the robot's base, wrenches."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Measurements of a stiffness campaign: `PointSamples`, and poses made of them: `Samples`.
 
 The tracker sees one reflector at a time, so the three reflectors see three passes of the same

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Rows that an identification can use: measured, not repeated, with a sensor that has noise."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The newest samples of a stream, and their averages over a window of time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where loaded joints come to rest: the exact balance, the published one, and their derivatives.
 
 Exact: J(q + d)^T w(q + d) = A d^3 + B d + friction, for the deflections d of the joints; q are the

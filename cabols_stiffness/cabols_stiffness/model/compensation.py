@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Joint commands that make up for the robot's giving way."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Static compliance of a robot as a table, after ISO 9283, section 9 (static compliance)."""
 
 from __future__ import annotations

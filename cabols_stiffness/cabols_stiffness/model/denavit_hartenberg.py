@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots from a table of Denavit-Hartenberg parameters, as data sheets and papers print them.
 
 A YAML file:

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Which robot a result is of, and what keeps it from being used."""
 
 from __future__ import annotations

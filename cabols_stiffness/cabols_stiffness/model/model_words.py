@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Words for models on command lines and in files; nothing here needs numpy."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deflections that an identified robot will show, with their uncertainty."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """result.yaml: an identification's numbers, for people and for programs.
 
 Unknown keys, such as the provenance that a report adds, are ignored.

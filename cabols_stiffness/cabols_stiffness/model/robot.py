@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Serial robots from their URDF: kinematics and complementary stiffness.
 
 Joints turn or slide; n of them. What identification needs is computed for many configurations at a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Wrenches and deflections, moved between points and axes of one rigid body.
 
 A wrench (6,) is force [N] then torque [N m]; a deflection (6,) is a translation [m] then a rotation

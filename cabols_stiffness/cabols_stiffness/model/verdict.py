@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Judgement of an identification: whether its model explains the data, and what is wrong if not."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A verdict as plain numbers and lists, for result.yaml, and back."""
 
 from __future__ import annotations

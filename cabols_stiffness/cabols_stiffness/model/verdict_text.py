@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A verdict in words, for the terminal and for reports."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: joint commands that compensate the robot's deflection; service correct_joints."""
 
 from __future__ import annotations

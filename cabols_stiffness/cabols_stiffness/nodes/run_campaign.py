@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executable run_campaign: starts or continues a campaign and shows it; Ctrl-C aborts it."""
 
 from __future__ import annotations

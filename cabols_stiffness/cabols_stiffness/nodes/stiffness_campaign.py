@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: runs stiffness campaigns; action run_stiffness_test, services to pause, resume, abort."""
 
 from __future__ import annotations

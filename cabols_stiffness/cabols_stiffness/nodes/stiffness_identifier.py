@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Node: estimate of the stiffness after every load of a campaign."""
 
 from __future__ import annotations

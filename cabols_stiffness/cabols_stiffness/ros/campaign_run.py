@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One run of a campaign: carries out the flow's requests on the real graph."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign's inputs from the rig: newest states, rolling streams, all recorded in a bag."""
 
 from __future__ import annotations

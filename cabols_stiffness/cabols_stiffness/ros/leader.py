@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Leads the limbs' tensions along the campaign's trajectory: topic desired_tension."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Service report_stiffness_test: analyses the last campaign's bags and writes its report."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Executable cabols-stiffness: joint stiffness from a table of loads and deflections, and its use.
 
 `cabols-stiffness identify loads.csv --robot robot.urdf --tip tool0` needs neither a rig nor ROS.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Identification from a laboratory's table: verdict, numbers, files."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A table's rows as samples for `identify`.
 
 Displacements (dx, dy, dz, against the unloaded robot) become pairs: the loaded row and an unloaded

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options of cabols-stiffness' tasks; nothing here needs numpy."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """cabols-stiffness correct: a program's points with commands under which the loaded robot is there.
 
 `cabols-stiffness correct program.csv --result result.yaml --robot robot.urdf` reads one point a

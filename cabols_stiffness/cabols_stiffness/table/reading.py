@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Read a table: numbers in SI by role, rows without a load and repeated ones left out."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot that a command line names: file, tip, held joints, coupled drives."""
 
 from __future__ import annotations

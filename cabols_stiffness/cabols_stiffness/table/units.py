@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Columns of a table by their headers: what they hold, and in which unit."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """`workspace` and the loader with robots that are not the bench, from one robot file each."""
 
 from __future__ import annotations

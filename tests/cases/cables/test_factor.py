@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Suspended robots that must hold their weight within 10 %: the factor of the required set."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kinematics and redundancy resolution of public robots (CASPR's models) by independent means."""
 
 from __future__ import annotations

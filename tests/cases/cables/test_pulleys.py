@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The bench's cables over swivel pulleys, axis vertical through the base point, by tangents.
 
 Source: the usual pulley model; CASPR's base_rotating_pulley, fzoffoli/OCDPR_SelfCalibration.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensions of poses that lie close together: the tracker's noise must not make them jump.
 
 Facet changes are a theme of the papers on force distribution; inside the boundary there are none.

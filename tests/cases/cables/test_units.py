@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Geometries in millimetres, swapped, with a cable twice: said or refused when they are loaded."""
 
 from __future__ import annotations

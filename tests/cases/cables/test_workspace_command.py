@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command `workspace`: one number for one quantity, outputs that it can read itself."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Poses at which a cable has no length, and numbers near the largest double.
 
 cdpyr has a criterion of cable length for the former. Every reduction of a margin must let NaN fail.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Variants of the bench's own .cal file.
 
 Source: NavidFeizi/ATI-FTsensor_NI-DAQ (lib_ati: ftconfig.c, ftrt.c). What a file says and is not

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags as other programs write them, or damaged: what can be read is read, and saved.
 
 Sources beside each test. One unusable part must not make all unusable, and of entries that must

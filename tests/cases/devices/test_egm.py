@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's position stream: other senders, clocks that step, packets that cannot be used.
 
 Sources: ros-industrial/abb_libegm#30, #41, #57, #105, #107, #119; abb_ros2#2.

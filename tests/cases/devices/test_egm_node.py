@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot's position stream through the real node: what is refused or odd is said with a cause.
 
 Sources: as in test_egm.py; ros-industrial/abb_libegm PR#87.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Numbers of a peer, fits and references: compared with what is known before they are used."""
 
 from __future__ import annotations

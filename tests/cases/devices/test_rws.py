@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Moving the robot over Robot Web Services: what a controller answers besides the expected.
 
 Sources: ros-industrial/abb_librws#47, #50, #81; abb_robot_client#11; OmniCore (https).

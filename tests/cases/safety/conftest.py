@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig in one process, at rest and under load, for the cases of safety."""
 
 from __future__ import annotations

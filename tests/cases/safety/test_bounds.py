@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whatever fails, no cable goes beyond 150 N: single faults, common causes, wrong controllers.
 
 The simulated spring never ends and the motor is not loaded by the gear's limits: what is beyond

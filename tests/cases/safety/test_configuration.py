@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Safety files that a tired person, or a stranger, writes."""
 
 from __future__ import annotations

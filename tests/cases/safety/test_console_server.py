@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The page's server: half requests, other sites, reports with scripts, numbers of other forms.
 
 Sources: Fetch Metadata, Content Security Policy. Who asks is decided before any work is done.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The real nodes: strangers on the rig's topics, kills while the robot moves, Ctrl-C under load.
 
 Sources: ros2_control (a command interface is claimed once), SROS2, the UR driver's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A campaign's samples.csv that is damaged: the line is named, a load is counted once."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Who judges what: the supervisor complaints and resets, the fault campaign reports."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The console's emergency stop, asked right after the supervisor's kill (-9) and restart.
 
 ISO 13850. The killed server's endpoint stays ready until its lease ends: of 16 requests that were

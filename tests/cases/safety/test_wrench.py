@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The wrench that the rig believes: after restarts, beyond reason, near its limits."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Data or models that are wrong in one thing: said, or covered by the stated deviations.
 
 Six configurations, three reflectors, four loads of an independent robot. Sources: parallelogram

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Odd rows of a user's table, partial measurements, other robots' results, published URDFs."""
 
 from __future__ import annotations

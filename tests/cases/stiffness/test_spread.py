@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Ten configurations, each with its own stiffness, as in the source's table 4.3.
 
 10.1186/s10033-022-00778-1 finds such variation, too. Independence between the configurations must

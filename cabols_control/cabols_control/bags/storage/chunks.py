@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Chunks of MCAP files: consistent heads, whole ones by checksum, beginnings of cut ones."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of a bag: their order, and what kind each is."""
 
 from __future__ import annotations

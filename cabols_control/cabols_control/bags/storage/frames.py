@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Find the records of an MCAP file, whole or damaged.
 
 Every record is checked before it is believed: a chunk by its own sizes and its checksum, any other

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Records of MCAP files (mcap.dev/spec), parsed so that a field never reaches beyond its record."""
 
 from __future__ import annotations

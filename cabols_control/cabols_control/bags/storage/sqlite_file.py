@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bags of rosbag2's older storage, sqlite3: files `.db3`."""
 
 from __future__ import annotations

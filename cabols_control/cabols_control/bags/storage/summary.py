@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What stands at the end of an MCAP file: where its chunks lie, its channels, how many messages."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Stiffness campaigns: start, watch, pause, resume, abort; the running estimate; the reports."""
 
 from __future__ import annotations

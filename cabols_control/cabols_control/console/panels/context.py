@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One open page of the console: its identity, and how its handlers reach the dispatcher."""
 
 from __future__ import annotations

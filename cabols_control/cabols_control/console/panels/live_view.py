@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Parts of the page that the script fills: plain HTML with the element names that it uses."""
 
 from __future__ import annotations

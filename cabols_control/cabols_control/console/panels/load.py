@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Load programmes: choose or upload, look at, check at this pose, run."""
 
 from __future__ import annotations

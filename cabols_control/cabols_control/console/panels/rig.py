@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Operating the rig itself: modes, recording, robot and tracker, single limbs."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A robot's joints as far as a picture needs them."""
 
 from __future__ import annotations

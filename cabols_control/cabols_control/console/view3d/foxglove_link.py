@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An optional WebSocket for Foxglove: the rig as a scene, and the live values."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is drawn of a rig: geometry, limits, robot and reflectors, as one dictionary of numbers."""
 
 from __future__ import annotations

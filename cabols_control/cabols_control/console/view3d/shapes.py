@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig as cylinders and spheres, for viewers without a model of it."""
 
 from __future__ import annotations

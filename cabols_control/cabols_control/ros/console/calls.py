@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The console's commands: services and actions that any ROS client could call."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The console's inputs, read twenty times a second from slow copies of the topics."""
 
 from __future__ import annotations

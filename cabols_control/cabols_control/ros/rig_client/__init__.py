@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The client of a running rig, for scripts and for cabols' own tools: RigClient."""
 
 from cabols_control.ros.rig_client.client import RigClient

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The rig's services and actions on one node, as futures: nothing here waits."""
 
 from __future__ import annotations

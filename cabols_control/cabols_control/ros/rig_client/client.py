@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RigClient: what an operator does, from a script or a tool."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A node in the graph of a running rig: received state, and waits with an end."""
 
 from __future__ import annotations

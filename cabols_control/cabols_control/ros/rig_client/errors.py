@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How a running rig disappoints its client."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A running action."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Every node's report on /diagnostics, named as diagnostic_updater does: node, colon, task."""
 
 from __future__ import annotations

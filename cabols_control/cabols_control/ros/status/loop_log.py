@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Log of control loops, which must not wait for a terminal or a disk."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Counters and timings of a loop, cheap enough for every cycle."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Calls that any thread hands to the thread of a node's executor."""
 
 from __future__ import annotations

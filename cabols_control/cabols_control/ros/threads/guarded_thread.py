@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A thread of a node that ends with the context, and that shuts it down if it fails."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An executor that outlives messages whose bytes are none of their type.
 
 DDS delivers what any participant sends on a topic. Where the bytes cannot be read, rclpy raises out

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A wait inside an action's coroutine that leaves the executor to others."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A thread that calls a function at a fixed rate; far cheaper than an executor's timer."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The orthonormal basis of a pose: row space and null space of the structure matrix.
 
 With B = diag(weights) A (6, n) and its rows orthonormalised, B = L Q, the tensions that give a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensions away from their limits: analytic centre and p-norm, by Newton steps in z.
 
 t = t0 + N z with one or two columns N. Both objectives are convex and smooth in z:

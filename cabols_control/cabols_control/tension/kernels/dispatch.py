@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compiled entries: one wrench, many wrenches, many poses. No allocation, no exception."""
 
 from __future__ import annotations

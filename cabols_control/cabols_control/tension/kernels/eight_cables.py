@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Straight code for the common case: eight cables, a feasible wrench, a pose far from singular.
 
 The same exact solution as plane.py's, without its bookkeeping. Whatever is not plain (a wrench

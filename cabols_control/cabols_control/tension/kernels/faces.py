@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Least-norm tensions among those that give the same, nearest wrench.
 
 On the boundary of the feasible wrenches the cables whose gradient is not zero are pinned to

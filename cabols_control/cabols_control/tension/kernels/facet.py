@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """First try for the nearest wrench: project on the hyperplane that a conflict names."""
 
 from __future__ import annotations

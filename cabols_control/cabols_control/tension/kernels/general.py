@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Minimum-norm tensions for any degree of redundancy: the dual method of Goldfarb and Idnani.
 
 In the coordinates z of the null space, minimise |z| subject to the 2 n limits. From z = 0 the

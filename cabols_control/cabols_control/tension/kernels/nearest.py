@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The nearest feasible wrench: min over the limits of |diag(weights) (A t - w)|.
 
 With B = diag(weights) A, v = diag(weights) w, the optimum has a gradient g = B^T (B t - v) that

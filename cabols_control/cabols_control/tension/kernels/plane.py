@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Exact minimum-norm tensions for at most two degrees of redundancy.
 
 The tensions that give a wrench are t0 + N z, t0 = pinv(A) w orthogonal to N: minimising their

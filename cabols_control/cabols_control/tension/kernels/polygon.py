@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The polygon of all feasible tensions at two degrees of redundancy: clipping and centroid.
 
 With t = t0 + N z the limits are slabs in the plane of z. Their intersection is a convex polygon

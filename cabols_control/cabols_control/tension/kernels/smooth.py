@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensions that change little with pose, wrench and limits, near the boundary and beyond it.
 
 The least-norm tensions of a wrench on the boundary of the feasible set, and of the nearest wrench

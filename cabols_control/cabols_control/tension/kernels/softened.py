@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tensions that change little beyond the boundary, in one go: Newton from the conflict's facet.
 
 The problem is smooth.py's, for a wrench that no tension reaches. There the multiplier lies on its

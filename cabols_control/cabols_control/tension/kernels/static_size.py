@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Number of cables as a constant of the compiler, where it pays.
 
 The compiled functions take `size`: either n, or a tuple whose LENGTH is n. A tuple's length is

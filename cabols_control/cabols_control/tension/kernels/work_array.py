@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Where things lie in the work array that one pose's solver lives in.
 
 One flat float64 array holds everything that depends on the pose and on the limits, then scratch:

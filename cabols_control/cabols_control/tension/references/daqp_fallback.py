@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The method "daqp": a general QP solver as an independent second opinion.
 
 DAQP (Arnstroem, Bemporad, Axehill 2022) works to its own tolerance; its active set is then

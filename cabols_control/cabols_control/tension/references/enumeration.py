@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The source's own method: go through the sets of active limits and test the KKT conditions.
 
 Thesis (3.5)-(3.8), after Taghirad and Bedoustani 2011: minimise |t| subject to A t = W and

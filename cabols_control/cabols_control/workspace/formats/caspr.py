@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Models of CASPR (Cable-robot Analysis and Simulation Platform for Research): two XML files.
 
 `*_bodies.xml` holds the links with joint, mass and centre of mass, `*_cables.xml` sets of cables

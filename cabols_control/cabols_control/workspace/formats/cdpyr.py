@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robots of cdpyr (Cable-Driven Parallel Robots in Python), as its JSON and YAML streams hold them.
 
 `frame.anchors` and `platforms[].anchors` with `position` [m] and `dcm`, `cables`, and

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is exchanged with other programs' robot files, and where text becomes numbers."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Command `workspace`: maps, meshes and figures of a rig's workspace, no ROS needed.
 
 workspace map            the workspace on a grid of positions and orientations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Subcommand `workspace design`: optimise attachment points, compare the patterns."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Subcommands `workspace import` and `workspace export`: robot files of CASPR and cdpyr."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files of a workspace: meshes, tables, trajectories, geometry."""
 
 from __future__ import annotations

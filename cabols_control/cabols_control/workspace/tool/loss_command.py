@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Subcommand `workspace loss`: which wrenches remain at the reference pose when a cable parts."""
 
 from __future__ import annotations

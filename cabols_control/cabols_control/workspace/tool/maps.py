@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the subcommands of `workspace` do; see command.py."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Options of the command `workspace`; light to import, as `--help` needs no more."""
 
 from __future__ import annotations

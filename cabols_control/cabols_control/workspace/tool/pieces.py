@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Maps that memory does not hold: a folder of pieces, which a later run completes.
 
 A piece is a file of some thousand poses, written whole or not at all. Whatever ends a run, a killed

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Subcommand `workspace stiffness`: how far the required wrenches move the platform, on a grid."""
 
 from __future__ import annotations

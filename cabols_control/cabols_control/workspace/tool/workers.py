@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Processes that share a grid's work: on this machine, or on several through Dask."""
 
 from __future__ import annotations

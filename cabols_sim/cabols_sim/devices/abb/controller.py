@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated controller: program, EGM and RWS on the newest truth of the plant."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """HTTP digest authentication, server side (RFC 7616 with MD5 and qop=auth, as in the IRC5)."""
 
 from __future__ import annotations

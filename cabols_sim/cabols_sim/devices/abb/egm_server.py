@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """EGM as the controller sends it: an EgmRobot packet per truth, by UDP."""
 
 from __future__ import annotations

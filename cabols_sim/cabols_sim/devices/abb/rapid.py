@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What cabols.mod does on the controller, as a state machine beside the link to the plant."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robot Web Services 2.0 (OmniCore), as much of it as a rig uses, over the same RAPID program.
 
 Other than 1.0: basic authentication, other paths, the version in the types of content, state at the

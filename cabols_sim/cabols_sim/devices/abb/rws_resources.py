@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Resources of Robot Web Services: path and query to answer; no sockets, no authentication."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The controller's web server: Robot Web Services 1.0 or 2.0 over HTTP or HTTPS, on loopback."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated controller's task T_CABOLS: without the rig's heartbeat the robot stops."""
 
 from __future__ import annotations

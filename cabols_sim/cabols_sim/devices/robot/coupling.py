@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Robot target and device link: the plant's part for its devices at every sample."""
 
 from __future__ import annotations

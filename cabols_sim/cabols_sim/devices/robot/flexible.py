@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Flexible joints, quasi-static: J(q + dq)^T w = torque(dq), reached with a small first-order lag.
 
 Per joint, torque(dq) = linear dq + cubic dq^3 + Maxwell slip. With cubic = 0 it is the source's

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Forward kinematics and geometric Jacobian of a six-joint arm, at the platform's origin.
 
 The arm is the rig's robot.urdf: for the bench ABB's IRB 1600-6/1.45.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A rig's robot against its configurations and its cables: another robot.urdf with old numbers."""
 
 from __future__ import annotations

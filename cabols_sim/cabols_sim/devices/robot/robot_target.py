@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The robot that holds the platform: a Target that moves and deflects."""
 
 from __future__ import annotations

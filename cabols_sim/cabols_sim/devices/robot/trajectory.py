@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Smooth joint motions: a quintic along the straight line in joint space, slow enough."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """True values of the simulated laser tracker, unknown to its client."""
 
 from __future__ import annotations

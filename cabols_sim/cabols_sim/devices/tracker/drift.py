@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Slow errors of a laser tracker, as a function of time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Physics of the simulated laser tracker: visibility, broken beam, measurement.
 
 Pure: time and the platform's true motion come in as arguments.

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated laser tracker's server: tracker.proto on the simulated rig.
 
 Time is the rig's: a second is a second of the truth's time_ns, at whatever speed the rig runs,

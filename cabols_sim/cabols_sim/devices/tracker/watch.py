@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The simulated tracker's observation of the rig: a thread that runs without pause."""
 
 from __future__ import annotations

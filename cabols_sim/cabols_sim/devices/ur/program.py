@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the robot's program does on the controller, as a state machine on the plant's truth."""
 
 from __future__ import annotations

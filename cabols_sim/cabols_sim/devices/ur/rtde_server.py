@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """RTDE as the controller speaks it: recipes, data packages, inputs that one client may write."""
 
 from __future__ import annotations

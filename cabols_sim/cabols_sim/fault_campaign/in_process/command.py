@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Runs the generated campaign: goes on where it was interrupted; a short form for CI."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Kinds of the generated campaign: each state of the rig, broken in every way that it has; pure."""
 
 from __future__ import annotations

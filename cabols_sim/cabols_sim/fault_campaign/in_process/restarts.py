@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A bridge that starts again while the gears hold a load: what it then says of the wrench."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bridge, guard, controllers and plant in one process, in lockstep, without ROS."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What breaks a rig of the generated campaign: one function for each way; pure."""
 
 from __future__ import annotations

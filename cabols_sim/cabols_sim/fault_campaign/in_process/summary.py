@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Table and claims of the generated campaign; pure."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One trial of the generated campaign, and the rigs in the states that trials begin in."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether one cause explains why configurations differ.
 
 Where stiffness scatters from configuration to configuration, a cause that the model leaves out (a

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Verdict on a fit: chi-square, Cochran's Q, and a score test of each suspect."""
 
 from __future__ import annotations

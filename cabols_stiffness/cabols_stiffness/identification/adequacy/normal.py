@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Normal equations of a fit, configuration by configuration; Cochran's Q and random effects.
 
 All parameters are relative to their scale, so that a change of 0.01 of a compliance is one per

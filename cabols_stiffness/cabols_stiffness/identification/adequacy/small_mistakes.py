@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What small mistakes in the data, too small to be seen for certain, may have done to a stiffness.
 
 A tool point that is 5 mm off, axes turned by 2 deg, a gain that is wrong by 3 % move a stiffness by

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Whether the unloaded robot's positions span what its kinematics say: a unit that hides.
 
 Positions in another unit than stated fit as well as in the right one, as motion and noise are

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Effects that an elastic model leaves out, as columns beside those of the joints.
 
 Each suspect adds a few parameters whose derivatives, at zero, are computed here. A score test then

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Statics of a robot under what a table may have wrong as a whole: signs, units, axes, order.
 
 A mistake is tried on the prediction, not on the data: the measured numbers and their weights stay

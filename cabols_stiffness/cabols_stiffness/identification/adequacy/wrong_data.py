@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a table may have wrong as a whole: a sign, a unit, axes, the order of joints.
 
 Each mistake of trials.py is tried: compliances (none negative) are fitted to the undeflected arm's

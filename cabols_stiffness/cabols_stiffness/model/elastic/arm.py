@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """An elastic arm at rest under a wrench: the exact balance of joints and bodies."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What may give way in an arm, each as motions that are linear in a few parameters.
 
 To first order every effect moves a joint or a body in proportion to its parameters: a compliance by

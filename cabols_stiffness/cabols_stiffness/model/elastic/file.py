@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """elastic.npz: an identified elastic arm beside result.yaml, as plain arrays."""
 
 from __future__ import annotations

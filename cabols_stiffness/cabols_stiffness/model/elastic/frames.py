@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Frames of an arm whose joints deflect and whose bodies give way, for many samples at a time."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Friction of a joint that depends on its past, in several forms, relative to its full size.
 
 Each form draws the friction from -1 to 1 along the joint's motion; `travel` is the motion after

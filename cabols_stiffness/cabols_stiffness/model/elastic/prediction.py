@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Deflections of an elastic arm under loads, their uncertainty, commands that make up for them."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Compliance that varies smoothly over the workspace: features of the joints' positions.
 
 A Gaussian process over the configurations (kriging; Rasmussen and Williams, Gaussian Processes for
