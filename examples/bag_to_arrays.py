@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: Apache-2.0
 """Read a recorded run into arrays and judge how the loop followed.
 
 Usage: bag_to_arrays.py [BAG]     (default: what `make demo` recorded)

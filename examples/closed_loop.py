@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: Apache-2.0
 """Run the control loop on the simulated rig, without ROS, hundreds of times faster than real time.
 
 Usage: closed_loop.py [FIGURE.png]

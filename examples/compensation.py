@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: Apache-2.0
 """Command a robot so that it stands where it should although a load bends it."""
 
 import numpy as np

@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: Apache-2.0
 """Choose the tensions of eight cables that give a wrench, and see when no tensions do."""
 
 import numpy as np

@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: Apache-2.0
 """Identify a robot's joint stiffness from deflections under known wrenches."""
 
 import numpy as np

@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: Apache-2.0
 """Find the platform's pose, with its uncertainty, from three measured reflectors."""
 
 import numpy as np

@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: Apache-2.0
 """Drive a running rig from a script: pre-tighten, load, read, stop.
 
 Usage: rig_client.py [SPEED]     beside `make console`, for example, or any other running rig;

@@ -1,4 +1,3 @@
-# SPDX-License-Identifier: Apache-2.0
 """Where the bench can give a box of wrenches, and how much is left there."""
 
 import numpy as np

@@ -316,7 +316,7 @@ def test_every_package_declares_a_typed_interface():
 
 def test_every_source_names_its_licence():
     """By an SPDX line (ISO/IEC 5962) among the first two, as tools for licences read it."""
-    folders = [*PACKAGES, "examples", "tests", "tools"]
+    folders = [*PACKAGES, "tests", "tools"]
     sources = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
     texts = {
         path: path.read_text(encoding="utf-8")
