@@ -28,13 +28,15 @@ from cabols_msgs.msg import LimbState, Mode
 
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.rig_client.client import RigClient
-from cabols_control.ros.rig_client.errors import RigError
+from cabols_control.ros.rig_client.errors import RigError, RigTimeoutError
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.bench.run import forgiving, isolated_environment, run_bench
 
 HALF_OPEN = 1100
 REQUESTS_PER_S = 400
 RESPAWN_S = 0.3
+LIFTED_S, LOOK_S = 60.0, 5.0
+"""Longest wait until all nodes run again, and for each look at them [s]."""
 LATEST_S = 10.0
 
 
@@ -120,6 +122,26 @@ def trial(
     }
 
 
+def lift(rig: RigClient) -> int:
+    """Reset the stop until all nodes run again; returns how many resets that took.
+
+    A stop is repeated until a supervisor has heard it: one that was restarted may hear it again
+    after its reset, and latch it again.
+    """
+    give_up, resets = time.monotonic() + LIFTED_S, 0
+    while True:
+        if rig.mode == OperatingMode.FAULT:
+            rig.reset(timeout_s=LIFTED_S)
+            resets += 1
+        try:
+            rig.wait_running(timeout_s=LOOK_S)
+        except RigTimeoutError:
+            if time.monotonic() > give_up:
+                raise
+        else:
+            return resets
+
+
 def report(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Figures of all trials so far."""
     zero = [row["zero_s"] for row in rows if row["flowed"]]
@@ -127,6 +149,7 @@ def report(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "presses": len(rows),
         "beside_a_restart": sum(row["kill_s"] >= 0.0 for row in rows),
         "lost": sum(row["lost"] for row in rows),
+        "reset_more_than_once": sum(row.get("resets", 1) > 1 for row in rows),
         "unanswered": sum(not row["answered"] for row in rows),
         "median_time_to_zero_current_s": float(np.median(zero)) if zero else None,
         "worst_time_to_zero_current_s": max(zero, default=None),
@@ -171,10 +194,10 @@ def main() -> None:
                         chance = random.Random(f"{arguments.seed} {len(rows)}")
                         kill_s = chance.uniform(0.0, 1.0) if len(rows) % 3 == 2 else -1.0
                         rows.append(trial(rig, currents, port, pids, kill_s))
+                        rows[-1]["resets"] = lift(rig)
                         with arguments.output.open("a") as log:
                             log.write(json.dumps(rows[-1]) + "\n")
                         print(len(rows), rows[-1], flush=True)
-                        rig.wait_running(timeout_s=60.0)
                     end.set()
             except BaseException as error:
                 failure.append(error)
