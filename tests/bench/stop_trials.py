@@ -28,15 +28,15 @@ from cabols_msgs.msg import LimbState, Mode
 
 from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.rig_client.client import RigClient
-from cabols_control.ros.rig_client.errors import RigError, RigTimeoutError
+from cabols_control.ros.rig_client.errors import RigError
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.bench.run import forgiving, isolated_environment, run_bench
 
 HALF_OPEN = 1100
 REQUESTS_PER_S = 400
 RESPAWN_S = 0.3
-LIFTED_S, LOOK_S = 60.0, 5.0
-"""Longest wait until all nodes run again, and for each look at them [s]."""
+LIFTED_S, LOOK_S, SEEN_S = 60.0, 5.0, 1.0
+"""Longest wait until all nodes run again, for each look at them, and what a person needs [s]."""
 LATEST_S = 10.0
 
 
@@ -110,6 +110,9 @@ def trial(
         rig.wait(latched, "FAULT", LATEST_S, even_in_fault=True)
     except RigError:
         latched_in = False
+    # A motor that winds in is braked before it is cut, which may last after FAULT is told.
+    with suppress(RigError):
+        rig.wait(lambda: not currents.flowing, "zero currents", LATEST_S, even_in_fault=True)
     zero_s = max(currents.changed_s - pressed_s, 0.0) if flowed else 0.0
     return {
         "kill_s": kill_s,
@@ -125,21 +128,30 @@ def trial(
 def lift(rig: RigClient) -> int:
     """Reset the stop until all nodes run again; returns how many resets that took.
 
-    A stop is repeated until a supervisor has heard it: one that was restarted may hear it again
-    after its reset, and latch it again.
+    A stop is repeated until it is acknowledged: a supervisor that was restarted, or is reset at
+    once, may hear it again after its reset, and latch it again.
     """
     give_up, resets = time.monotonic() + LIFTED_S, 0
-    while True:
+    while not lifted(rig):
+        if time.monotonic() > give_up:
+            raise RigError(f"after {resets} resets the rig is still in {rig.mode}")
         if rig.mode == OperatingMode.FAULT:
-            rig.reset(timeout_s=LIFTED_S)
             resets += 1
-        try:
-            rig.wait_running(timeout_s=LOOK_S)
-        except RigTimeoutError:
-            if time.monotonic() > give_up:
-                raise
-        else:
-            return resets
+            with suppress(RigError):
+                rig.reset(timeout_s=LOOK_S)
+    return resets
+
+
+def lifted(rig: RigClient) -> bool:
+    """Whether all nodes run, and go on running for as long as a person needs to see it."""
+    if rig.mode == OperatingMode.FAULT:
+        return False
+    try:
+        rig.wait_running(timeout_s=LOOK_S)
+    except RigError:
+        return False
+    time.sleep(SEEN_S)
+    return rig.mode != OperatingMode.FAULT
 
 
 def report(rows: list[dict[str, Any]]) -> dict[str, Any]:
