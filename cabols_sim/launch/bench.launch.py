@@ -20,10 +20,9 @@ def start(context: LaunchContext) -> list[Action]:
     values = launched(values, given)
     graph = bench_graph(
         values["lockstep"],
-        values["record"],
-        values["robot"],
-        free_ports(),
-        **{part: values[part] for part in PARTS.values() if part != "record"},
+        robot=values["robot"],
+        ports=free_ports(),
+        **{part: values[part] for part in PARTS.values()},
     )
     return launch_nodes(complete(graph, values, given), context)
 

@@ -27,6 +27,8 @@ from cabols_control.wrench_control.joint_commands import (
     wrench_joints,
 )
 
+RATE = CONTROL_NODES.argument("joint_state_rate")
+
 
 class Ros2ControlBridgeNode(ControlNode):
     """Publishes the limbs as joint states, and sends commands of joints on in LOADING.
@@ -42,7 +44,7 @@ class Ros2ControlBridgeNode(ControlNode):
         super().__init__("ros2_control_bridge")
         geometry, control = self.rig.geometry, self.rig.control
         cables = geometry.cables
-        self._turns = max(1, round(1000.0 / declare_row(self, _RATE)))
+        self._turns = max(1, round(1000.0 / declare_row(self, RATE)))
         self._state = Input(self, "limb_state", topics.limb_state_layout(geometry), self.lockstep)
         wrench = topics.wrench_layout(geometry.platform_frame)
         self._wrench = Input(self, "wrench", wrench, self.lockstep, every=self._turns)
@@ -125,9 +127,6 @@ class Ros2ControlBridgeNode(ControlNode):
         record["tension"][:] = setpoint
         record["session"][0] = self.status.sessions.session
         self._output.publish(record.raw())
-
-
-_RATE = CONTROL_NODES.argument("joint_state_rate")
 
 
 def main() -> int:

@@ -36,9 +36,9 @@ class FaultName(str, Enum):
     FIRST_POWER_ON = "first_power_on"
     """The rig's wiring has not been checked: one limb moves at a time, at 0.1 A, for 5 mm."""
     NOT_HELD = "not_held"
+    """Nothing but the cables holds the platform: no current may flow."""
     INACTIVE = "inactive"
     """The bridge is a managed node that is not active: its amplifiers stay off."""
-    """Nothing but the cables holds the platform: no current may flow."""
     # Found by controllers and by the bridge in what they receive.
     CLOCK = "clock"
     """The samples' clock went back."""

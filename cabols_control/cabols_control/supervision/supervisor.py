@@ -21,6 +21,7 @@ from cabols_control.supervision.modes import (
     OperatingMode,
     Verdict,
 )
+from cabols_control.supervision.senders import NODES as SENDERS
 
 FOLLOWED_S = 1.0
 """Longest time from the mode's entry to the first sample that the bridge takes in it."""
@@ -28,8 +29,6 @@ COMPLAINT_PERIODS = 3.0
 """A complaint that is not repeated ends after this many report time-outs: its sender has gone."""
 RESET_TRAVELS_S = 1.0
 """Reports of a stop that are no later than this after its reset are from before [s]."""
-SENDERS = 64
-"""Reports are kept of this many nodes; a rig has about a dozen."""
 
 BARRED = frozenset({FaultName.NOT_HELD, FaultName.INACTIVE})
 """Notices with which nothing may move."""

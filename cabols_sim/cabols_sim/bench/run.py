@@ -140,10 +140,11 @@ def run_bench(
     where = environment or isolated_environment()
     graph = bench_graph(
         values.get("lockstep", False),
-        values.get("record", True),
-        values.get("robot", False),
-        free_ports() if "namespace" in values else ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
-        **{part: values.get(part, False) for part in PARTS.values() if part != "record"},
+        robot=values.get("robot", False),
+        ports=free_ports()
+        if "namespace" in values
+        else ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
+        **{part: values[part] for part in PARTS.values() if part in values},
     )
     values = {"robot_watch": min(SILENCE_S / values.get("speed", 1.0), 10.0), **values}
     nodes = [_stand_in(node, stand_ins or {}) for node in complete(graph, values, values)]

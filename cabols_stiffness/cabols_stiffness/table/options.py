@@ -23,16 +23,21 @@ EXPORTED = {"urdf": "urdf", "sdf": "sdf", "mujoco": "mjcf.xml", "csv": "springs.
 """Forms of a file, and the endings of its name."""
 
 
+def _number(word: str) -> float:
+    """Read a number; NaN where there is none."""
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
+
+
 def positive(word: str) -> float:
     """Read a deviation: finite and above zero.
 
     Raises:
         ArgumentTypeError: if it is something else.
     """
-    try:
-        value = float(word)
-    except ValueError:
-        value = math.nan
+    value = _number(word)
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"expected a number above zero, got {word!r}")
     return value
@@ -44,10 +49,7 @@ def finite(word: str) -> float:
     Raises:
         ArgumentTypeError: if it is not finite.
     """
-    try:
-        value = float(word)
-    except ValueError:
-        value = math.nan
+    value = _number(word)
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"expected a finite number, got {word!r}")
     return value
