@@ -10,15 +10,14 @@ import sys
 
 import numpy as np
 import pytest
-from cabols_msgs.action import MoveToConfiguration
 from cabols_msgs.msg import LoopStatus, Mode
-from rclpy.action import ActionClient
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
 from abb_harness import PATIENCE_S, quiet_port, running_controller, wait_until
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.ros.rig_client.calls import RigCalls
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.ros.robot_stream import JointStateBytes
 from cabols_sim.devices.link import DeviceLink
@@ -54,21 +53,21 @@ def end(process: subprocess.Popen, watcher: Watcher) -> None:
     watcher.close()
 
 
-def send_goal(watcher: Watcher, client: ActionClient, index: int):
-    future = client.send_goal_async(MoveToConfiguration.Goal(index=index))
+def send_goal(watcher: Watcher, calls: RigCalls, index: int):
+    future = calls.send_goal("move_to_configuration", index=index)
     watcher.wait(future.done, "the goal's acceptance")
     return future.result()
 
 
-def result_of(watcher: Watcher, handle):
-    future = handle.get_result_async()
+def result_of(watcher: Watcher, calls: RigCalls, handle):
+    future = calls.result(handle)
     watcher.wait(future.done, "the motion's result")
     return future.result().result
 
 
-def refusal(watcher: Watcher, client: ActionClient, index: int) -> int:
+def refusal(watcher: Watcher, calls: RigCalls, index: int) -> int:
     """Code of a goal that is refused: it is accepted, and ended before anything moves."""
-    result = result_of(watcher, send_goal(watcher, client, index))
+    result = result_of(watcher, calls, send_goal(watcher, calls, index))
     assert not result.success
     assert result.message.startswith("refused: ")
     return result.code
@@ -80,7 +79,8 @@ def test_bridge_publishes_moves_refuses_and_reports_silence():
     joints: list[JointState] = []
     watcher.node.create_subscription(JointState, "joint_states", joints.append, control_qos(False))
     modes = watcher.node.create_publisher(Mode, "mode", latched_qos(False))
-    client = ActionClient(watcher.node, MoveToConfiguration, "move_to_configuration")
+    calls = RigCalls(watcher.node)
+    calls.prepare(actions=("move_to_configuration",))
     port = quiet_port()
     poses, reports = watcher.seen["platform_pose"], watcher.seen["loop_status"]
     with running_controller(port) as (clock, controller):
@@ -100,23 +100,23 @@ def test_bridge_publishes_moves_refuses_and_reports_silence():
             np.testing.assert_allclose([place.x, place.y, place.z], clock.robot.position, atol=1e-9)
             np.testing.assert_allclose(joints[-1].position, clock.robot.encoders, atol=1e-12)
             assert list(joints[-1].name) == [f"joint_{i}" for i in range(1, 7)]
-            assert client.wait_for_server(timeout_sec=PATIENCE_S)
-            refused = result_of(watcher, send_goal(watcher, client, 1))
+            watcher.wait(lambda: calls.ready("move_to_configuration"), "the robot's action")
+            refused = result_of(watcher, calls, send_goal(watcher, calls, 1))
             assert (refused.success, refused.code) == (False, ResultCode.NOT_READY)
             assert "no mode received" in refused.message
             modes.publish(Mode(mode=Mode.LOADING))
             wait_until(lambda: modes.get_subscription_count() > 0, "reader of mode")
-            watcher.wait(lambda: refusal(watcher, client, 1) == ResultCode.WRONG_MODE, "LOADING")
+            watcher.wait(lambda: refusal(watcher, calls, 1) == ResultCode.WRONG_MODE, "LOADING")
             modes.publish(Mode(mode=Mode.STOPPED))
-            assert accepted_at_last(watcher, client, 1, clock)
+            assert accepted_at_last(watcher, calls, 1, clock)
             result = watcher.result
             assert result.success, result.message
             np.testing.assert_allclose(result.joints, load_configurations().joints(1), atol=1e-9)
-            assert refusal(watcher, client, 99) == ResultCode.BAD_REQUEST, "no such configuration"
-            handle = send_goal(watcher, client, 5)
+            assert refusal(watcher, calls, 99) == ResultCode.BAD_REQUEST, "no such configuration"
+            handle = send_goal(watcher, calls, 5)
             wait_until(lambda: clock.robot.moving, "moving")
             modes.publish(Mode(mode=Mode.FAULT))
-            result = result_of(watcher, handle)
+            result = result_of(watcher, calls, handle)
             assert not result.success
             assert "FAULT" in result.message
             wait_until(lambda: not clock.robot.moving, "stop")
@@ -131,14 +131,14 @@ def test_bridge_publishes_moves_refuses_and_reports_silence():
             process.send_signal(signal.SIGINT)
             assert process.wait(timeout=PATIENCE_S) == 0
         finally:
-            client.destroy()
+            calls.close()
             end(process, watcher)
 
 
-def accepted_at_last(watcher: Watcher, client: ActionClient, index: int, clock) -> bool:
+def accepted_at_last(watcher: Watcher, calls: RigCalls, index: int, clock) -> bool:
     """Ask until the node has heard the new mode; leave the result in the watcher."""
     for _ in range(100):
-        watcher.result = result_of(watcher, send_goal(watcher, client, index))
+        watcher.result = result_of(watcher, calls, send_goal(watcher, calls, index))
         if watcher.result.code != ResultCode.WRONG_MODE:
             return clock.robot.target_index == index
     return False

@@ -17,8 +17,9 @@ from playwright.sync_api import expect
 from browser import chromium
 from cabols_control.bags.reader import read_bag
 from cabols_control.console.uploads import UPLOAD_BYTES
+from cabols_control.supervision.held_load import HELD_N
 from console_harness import Panel, console_values, free_port, short_campaign
-from graph_harness import run_scenario
+from graph_harness import Watcher, run_scenario
 from stalls import Stalls
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(400)]
@@ -99,6 +100,13 @@ def take_command_by_keyboard(panel):
     raise AssertionError(f"the Tab key did not reach {wanted - reached}, but {reached}")
 
 
+def chip_tells_what_gears_hold(panel: Panel, watcher: Watcher) -> bool:
+    """How far the force had grown when the stop came decides what the gears hold."""
+    pulls = max(watcher.seen["limb_state"][-1].tension) > HELD_N
+    text = "⚠ Fault, under load" if pulls else "⚠ Fault"
+    return panel.page.locator("#mode-chip").inner_text().strip() == text
+
+
 def test_session_from_start_to_emergency_stop(tmp_path):
     """Start, pre-tighten, upload, check, run, stop, reset, record: the operator's day."""
     port = free_port()
@@ -142,7 +150,7 @@ def test_session_from_start_to_emergency_stop(tmp_path):
                 "no current",
             )
             panel.wait_mode("FAULT")
-            expect(panel.page.locator("#mode-chip")).to_have_text("⚠ Fault")
+            watcher.wait(lambda: chip_tells_what_gears_hold(panel, watcher), "the chip's text")
             picture(panel, "fault")
             panel.expect_disabled("mode-PRETIGHTENING")
             panel.press("reset")

@@ -14,13 +14,12 @@ import time
 
 import numpy as np
 import pytest
-from cabols_msgs.action import MoveToConfiguration
 from cabols_msgs.msg import Mode
 from cabols_msgs.srv import SetMode
-from rclpy.action import ActionClient
 from std_srvs.srv import Trigger
 
 from cabols_control.bringup.processes import executable_path
+from cabols_control.ros.rig_client.calls import RigCalls
 from graph_harness import run_scenario
 
 pytestmark = [pytest.mark.ros, pytest.mark.long, pytest.mark.timeout(240)]
@@ -122,9 +121,9 @@ def test_robot_stops_when_a_process_is_killed_on_the_way(victim):
             watcher.wait(lambda: all(watcher.seen["limb_state"][-1].zeroed), "all limbs zeroed")
         watcher.wait(lambda: watcher.modes()[-1:] == [Mode.FREE_MOVING], "FREE_MOVING")
         more_states(watcher, 500)
-        client = ActionClient(watcher.node, MoveToConfiguration, "move_to_configuration")
-        watcher.wait(client.server_is_ready, "the robot")
-        sent = client.send_goal_async(MoveToConfiguration.Goal(index=2))
+        calls = RigCalls(watcher.node)
+        watcher.wait(lambda: calls.ready("move_to_configuration"), "the robot")
+        sent = calls.send_goal("move_to_configuration", index=2)
         watcher.wait(sent.done, "the motion")
         more_states(watcher, 1200)
         os.kill(pids[victim], signal.SIGKILL)
