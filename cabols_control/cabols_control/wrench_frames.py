@@ -12,6 +12,7 @@ the lever is computed anew at each sample.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -21,13 +22,24 @@ import numpy as np
 from numba import njit
 from pydantic.dataclasses import dataclass as config_dataclass
 
-from cabols_control.checks import FloatArray, finite_array, rotation_matrix
+from cabols_control.checks import (
+    FloatArray,
+    finite_array,
+    plain_array,
+    rotation_matrix,
+    shaped_array,
+)
 from cabols_control.configuration import STRICT
-from cabols_control.errors import ConfigError
+from cabols_control.errors import ConfigError, ShapeError
 from cabols_control.placement import Frame
 
 OWN_NAMES = ("tool", "sensor", "flange")
 """Frames that each rig has, beside its base and its platform."""
+
+
+FARTHEST_M = 50.0
+"""Origins beyond are of another unit: no rig is so large, and torque would be force alone [m]."""
+_NAME = re.compile(r"[^\W\d_][\w./-]{0,63}")
 
 
 class Axes(IntEnum):
@@ -187,12 +199,14 @@ class WrenchFrames:
             wrenches to base axes.
 
         Raises:
-            ConfigError: if there is no such frame.
+            ConfigError, ShapeError: if there is no such frame, or an argument is not valid.
         """
         frame = self.record(name)
-        levers, turns = np.empty_like(positions), np.empty_like(rotations)
-        for k in range(positions.shape[0]):
-            place_frame(frame, np.ascontiguousarray(positions[k]), rotations[k].copy())
+        places = shaped_array("positions", positions, (None, 3))
+        rotated = shaped_array("rotations", rotations, (places.shape[0], 3, 3))
+        levers, turns = np.empty_like(places), np.empty_like(rotated)
+        for k in range(places.shape[0]):
+            place_frame(frame, places[k].copy(), rotated[k].copy())
             levers[k], turns[k] = frame[0]["lever"], frame[0]["turn"]
         return levers, turns
 
@@ -234,7 +248,12 @@ class WrenchFrames:
         frame = self.record(name)
         place = finite_array("position", position, (3,)).copy()
         place_frame(frame, place, rotation_matrix("rotation", rotation).copy())
-        given = np.array(wrenches, dtype=np.float64)
+        try:
+            given = plain_array(wrenches)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ShapeError(f"wrenches: expected numbers (..., 6), got {wrenches!r}") from error
+        if given.shape[-1:] != (6,):
+            raise ShapeError(f"wrenches: expected shape (..., 6), got {given.shape}")
         moved = np.zeros_like(given)
         for before, after in zip(given.reshape(-1, 6), moved.reshape(-1, 6), strict=True):
             kernel(frame, before, after)
@@ -288,6 +307,16 @@ def wrench_frames(
         if not name or name in records:
             taken = ", ".join(records)
             raise ConfigError(f"wrench_frames: expected another name than {taken}, got {name!r}")
+        if not _NAME.fullmatch(name):
+            raise ConfigError(
+                "wrench_frames: expected names of at most 64 letters, digits and _ - . / that "
+                f"begin with a letter, got {name!r}"
+            )
+        if not np.abs(frame.position).max() <= FARTHEST_M:
+            raise ConfigError(
+                f"wrench_frames.{name}: expected an origin within {FARTHEST_M:g} m of its "
+                f"parent's, got {frame.position}; positions are in metres"
+            )
         axes = Axes[frame.axes.upper()]
         records[name] = _record(frame.parent == "base", axes, frame.position, frame.rotation)
     found = WrenchFrames(tuple(records), records, frozenset(own))

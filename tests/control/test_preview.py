@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cabols_control.errors import ConfigError
 from cabols_control.load_programs.feasibility import check_shaped
 from cabols_control.load_programs.motor_demand import (
     CURRENT_SHARE,
@@ -142,3 +143,25 @@ def test_preview_that_the_cables_cannot_give_is_refused_though_the_programme_is_
     assert given_.reached.all()
     assert not found.feasible
     assert "not feasible" in found.sentence()
+
+
+@pytest.mark.parametrize("duration", [1e-300, 1e-6, 0.001, 0.013])
+@pytest.mark.parametrize("held", [True, False])
+def test_the_shortest_programmes_are_shaped(duration, held):
+    rig = load_rig()
+    wrench = np.array([[0.0] * 6, [5.0] + 5 * [0.0]])
+    short = LoadProgram("short", np.array([0.0, duration]), wrench, held)
+    place = rig.geometry.reference_position, np.eye(3)
+    shaped = fastest_preview(short, rig, *place, 0.004)
+    assert shaped.smoothed.wrench[0] == pytest.approx(np.zeros(6), abs=1e-9)
+    assert shaped.smoothed.wrench[-1] == pytest.approx(wrench[1], abs=1e-9)
+    assert np.abs(motor_current(rig, shaped.smoothed, *place)).max() > 0.0
+    assert check_shaped(rig, shaped, *place).feasible
+
+
+@pytest.mark.parametrize("duration", [36000.0, 1e9])
+def test_a_programme_that_no_memory_holds_is_refused(duration):
+    long = LoadProgram("long", np.array([0.0, duration]), np.zeros((2, 6)), held=False)
+    with pytest.raises(ConfigError, match="preview:=false"):
+        shape_program(long, load_rig().control)
+    assert as_given(long).duration == duration

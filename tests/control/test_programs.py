@@ -59,7 +59,10 @@ def test_scaled():
         ("{h}\n0,0,0,0,0,0,nan\n", "line 2: expected 7 finite"),
         ("{h}\n0,0,0,0,0,0,0\n", "at least two lines"),
         ("{h}\n0,0,0,0,0,0,0\n0,1,0,0,0,0,0\n", "increasing"),
-        ("{h}\n1,0,0,0,0,0,0\n2,1,0,0,0,0,0\n", "time from 0"),
+        ("{h}\n1,0,0,0,0,0,0\n2,1,0,0,0,0,0\n", "line 2: expected time from 0"),
+        ("{h}\n0,0,0,0,0,0,0\n\n1,0,0,0,0,0,0\n1,5,0,0,0,0,0\n", "line 5: .* got 1 s after 1 s"),
+        ("time_s,fx_n,fy_n,fz_n,mx_nmm,my_nmm,mz_nmm\n0,0,0,0,0,0,0\n", "torques in N m"),
+        ("{h}\n0,5,0,0,0,0,0\n", "to hold a wrench, repeat it"),
     ],
 )
 def test_bad_csv(tmp_path, text, message):
@@ -67,6 +70,18 @@ def test_bad_csv(tmp_path, text, message):
     path.write_text(text.replace("{h}", ",".join(CSV_HEADER)))
     with pytest.raises(ConfigError, match=message):
         load_program(str(path))
+
+
+def test_a_byte_order_mark_is_no_number(tmp_path):
+    path = tmp_path / "spreadsheet.csv"
+    path.write_text(",".join(CSV_HEADER) + "\n0,0,0,0,0,0,0\n1,1,0,0,0,0,0\n", "utf-8-sig")
+    assert load_program(str(path)).duration == 1.0
+
+
+@pytest.mark.parametrize("factor", [np.nan, np.inf, 1e300])
+def test_no_scale_makes_wrenches_that_are_no_numbers(factor):
+    with pytest.raises(ConfigError, match="scale"):
+        load_program("ramps").scaled(factor)
 
 
 @pytest.mark.parametrize("name", ["", "nothing", "none.csv", "/tmp"])

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from cabols_control.errors import CabolsError
+from cabols_control.errors import CabolsError, ShapeError
 from cabols_control.frames import Frame, load_frames, load_wrench_frames
 from cabols_control.geometry import load_geometry
 from cabols_control.rig import load_rig
@@ -186,3 +186,36 @@ def test_taken_and_unknown_names_are_refused(frames):
             wrench_frames("base", "platform", TOOL, SENSOR, {name: OWN["tip"]})
     with pytest.raises(CabolsError, match=r"knee_in_base_axes, .*got tipp"):
         frames.record("tipp")
+
+
+@pytest.mark.parametrize("name", ["/tip", "tip ", "a\nb", "a\0b", "1", "t" * 65])
+def test_names_that_no_message_should_carry_are_refused(name):
+    with pytest.raises(CabolsError, match="letters, digits"):
+        wrench_frames("base", "platform", TOOL, SENSOR, {name: OWN["tip"]})
+
+
+@pytest.mark.parametrize("x", [100.0, -1e300])
+def test_an_origin_in_millimetres_is_refused(x):
+    far = {"tip": WrenchFrame([x, 0.0, 0.0])}
+    with pytest.raises(CabolsError, match="in metres"):
+        wrench_frames("base", "platform", TOOL, SENSOR, far)
+
+
+@pytest.mark.parametrize("given", [[1.0] * 5, [1.0] * 12, [1j] * 6, None, ["a"] * 6, 3.0])
+def test_what_is_no_wrench_is_refused(frames, given):
+    for move in (frames.to_base, frames.from_base):
+        with pytest.raises(ShapeError, match="wrenches"):
+            move("tip", given, np.zeros(3), np.eye(3))
+
+
+def test_poses_that_do_not_belong_together_are_refused(frames):
+    for positions, rotations in (
+        (np.zeros((2, 3)), np.eye(3)[None]),
+        (np.zeros(3), np.eye(3)),
+        (np.zeros((1, 4)), np.eye(3)[None]),
+    ):
+        with pytest.raises(ShapeError, match=r"positions|rotations"):
+            frames.along("tip", positions, rotations)
+    levers, turns = frames.along("tip", [[0, 0, 0]], [np.eye(3).tolist()])
+    assert levers.shape == (1, 3)
+    assert turns.shape == (1, 3, 3)

@@ -109,7 +109,10 @@ def fingerprint(asked: LoadProgram, frame: bytes, bandwidth: float, rig: Rig) ->
         rig: geometry, limbs, design.
     """
     digest = hashlib.sha256()
-    for part in (asked.time, asked.wrench, rig.geometry.base_points, rig.geometry.platform_points):
+    geometry = rig.geometry
+    axes = () if geometry.pulley_axes is None else (geometry.pulley_axes,)
+    points = (geometry.base_points, geometry.platform_points, geometry.pulley_radius, *axes)
+    for part in (asked.time, asked.wrench, *points):
         # + 0.0, as -0.0 has other bytes.
         digest.update(np.ascontiguousarray(part, dtype=np.float64).__add__(0.0).tobytes())
     digest.update(frame)

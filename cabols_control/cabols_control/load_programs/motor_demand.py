@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from cabols_control.checks import FloatArray
 from cabols_control.kinematics import structure_matrix
@@ -38,15 +39,13 @@ def motor_current(
     matrix = structure_matrix(rig.geometry, position, rotation)
     resolver = TensionResolver(matrix, rig.control.tension_min, rig.control.tension_max)
     tension, _ = resolver.solve_batch(program.wrench)
-    kernel = np.ones(WINDOW) / WINDOW
-    smooth = np.column_stack([np.convolve(column, kernel, "same") for column in tension.T])
-    # Beyond the ends the average sees zeros.
-    smooth[: WINDOW // 2], smooth[-(WINDOW // 2) :] = tension[0], tension[-1]
+    # Beyond its ends a programme rests.
+    smooth = uniform_filter1d(tension, WINDOW, axis=0, mode="nearest")
     speed = np.gradient(smooth, PERIOD_S, axis=0) / rig.springs.nominal
     slope = np.gradient(speed, PERIOD_S, axis=0)
     gain, time_constant = np.array(rig.limbs.gain), np.array(rig.limbs.time_constant)
     current = (speed + time_constant * slope) / gain
-    return np.asarray(current[WINDOW:-WINDOW])
+    return np.asarray(current)
 
 
 def fastest_preview(

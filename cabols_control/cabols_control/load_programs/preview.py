@@ -16,6 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from cabols_control.checks import FloatArray
+from cabols_control.errors import ConfigError
 from cabols_control.gains import WrenchGains
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import ControlConfig
@@ -27,6 +28,8 @@ BOXES = 4
 last, as many as 1 / G asks for."""
 DERIVATIVES = 3
 """Each reaches one point farther."""
+LONGEST_S = 3600.0
+"""Longest programme that is shaped, at a point per millisecond [s]: a gigabyte and 20 s of work."""
 BOX_BANDWIDTH = 0.2266
 """-3 dB of BOXES moving averages of a width T, times T: sinc(x)^4 = 1 / sqrt(2)."""
 
@@ -84,6 +87,19 @@ def smoothed_rise_time(design: ControlConfig) -> float:
     return float(high - low)
 
 
+def check_length(program: LoadProgram) -> None:
+    """Refuse a programme that is too long to be shaped.
+
+    Raises:
+        ConfigError: if it is longer than LONGEST_S.
+    """
+    if not program.duration <= LONGEST_S:
+        raise ConfigError(
+            f"{program.name}: expected at most {LONGEST_S:g} s for a preview, got "
+            f"{program.duration:g} s; split it, or follow it by feedback alone (preview:=false)"
+        )
+
+
 def shape_program(
     program: LoadProgram,
     design: ControlConfig,
@@ -101,7 +117,11 @@ def shape_program(
 
     Returns:
         Smoothed programme and reference, a point per millisecond.
+
+    Raises:
+        ConfigError: if the programme is longer than LONGEST_S.
     """
+    check_length(program)
     width = BOX_BANDWIDTH / (bandwidth or design.preview_bandwidth)
     # An odd number of points, so that windows are centred; not more than the bandwidth permits.
     box = max(2 * int(0.5 * (width / PERIOD_S - 1.0)) + 1, 3)

@@ -67,7 +67,17 @@ class LoadProgram:
         return found
 
     def scaled(self, factor: float) -> LoadProgram:
-        """Return the same programme with every wrench multiplied."""
+        """Return the same programme with every wrench multiplied.
+
+        Raises:
+            ConfigError: if the factor is not finite, or makes a wrench beyond LARGEST.
+        """
+        most = float(np.abs(self.wrench).max())
+        if not abs(factor) * most <= LARGEST or not np.isfinite(factor):
+            raise ConfigError(
+                f"scale: expected a finite number that keeps {self.name} below {LARGEST:g} N, "
+                f"got {factor!r}"
+            )
         return LoadProgram(self.name, self.time, self.wrench * factor, self.held)
 
 
@@ -145,7 +155,8 @@ def read_csv(path: str | Path) -> LoadProgram:
     """
     source = Path(path)
     try:
-        text = source.read_text(encoding="utf-8")
+        # Spreadsheets begin their UTF-8 by a byte order mark.
+        text = source.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{source}: cannot be read ({error})") from error
     return parse_csv(text, source.stem, str(source))
@@ -165,14 +176,17 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
     try:
         # Not splitlines(), which takes eight more characters for ends of lines. The ends are kept:
         # a number in quotes that goes on in the next line is none.
-        lines = [line + "\n" for line in text.replace("\r\n", "\n").split("\n")]
-        rows = list(csv.reader(lines))
+        ended = [line + "\n" for line in text.replace("\r\n", "\n").split("\n")]
+        rows = list(csv.reader(ended))
     except csv.Error as error:
         raise ConfigError(f"{source}: cannot be read ({error})") from error
     header = tuple(cell.strip() for cell in rows[0]) if rows else ()
     if header != CSV_HEADER:
-        raise ConfigError(f"{source}: expected the header {','.join(CSV_HEADER)}, got {header}")
-    values = []
+        raise ConfigError(
+            f"{source}: expected the header {','.join(CSV_HEADER)}, got {str(header)[:200]}; times "
+            "in s, forces in N, torques in N m, commas between them"
+        )
+    values, lines = [], []
     for number, row in enumerate(rows[1:], start=2):
         if not row:
             continue
@@ -186,10 +200,24 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
                 f"{source}, line {number}: expected 7 finite numbers, got {str(row)[:200]}"
             )
         values.append(numbers)
+        lines.append(number)
     table = np.array(values, dtype=np.float64).reshape(-1, len(CSV_HEADER))
     time, *_ = table.T
-    if time.size < 2 or time[0] != 0.0 or not np.diff(time).min() > 0.0:
-        raise ConfigError(f"{source}: expected at least two lines, time from 0 and increasing")
+    if time.size < 2:
+        raise ConfigError(
+            f"{source}: expected at least two lines below the header, time from 0 and increasing, "
+            f"got {time.size}; to hold a wrench, repeat it at a later time"
+        )
+    if time[0] != 0.0:
+        raise ConfigError(
+            f"{source}, line {lines[0]}: expected time from 0 and increasing, got {time[0]:g} s"
+        )
+    if not np.diff(time).min() > 0.0:
+        k = int(np.flatnonzero(~(np.diff(time) > 0.0))[0]) + 1
+        raise ConfigError(
+            f"{source}, line {lines[k]}: expected time from 0 and increasing, got {time[k]:g} s "
+            f"after {time[k - 1]:g} s; write a step as two rows a millisecond apart"
+        )
     return LoadProgram(name, time.copy(), table[:, 1:].copy(), False)
 
 

@@ -20,7 +20,7 @@ from cabols_control.frames import load_wrench_frames
 from cabols_control.load_programs.feasibility import ProgramCheck, check_shaped
 from cabols_control.load_programs.learning import is_same_place
 from cabols_control.load_programs.motor_demand import fastest_preview
-from cabols_control.load_programs.preview import ShapedProgram, as_given
+from cabols_control.load_programs.preview import ShapedProgram, as_given, check_length
 from cabols_control.load_programs.programs import load_program
 from cabols_control.result_code import ResultCode
 from cabols_control.ros import topics
@@ -326,7 +326,9 @@ class LoadProgramNode(ControlNode):
 
     def _judge(self, request: Any) -> Refusal | None:
         try:
-            load_program(request.program)
+            program = load_program(request.program).scaled(request.scale or 1.0)
+            if self._preview:
+                check_length(program)
             self._frames.record(request.frame)
             found = (
                 self._check_here(request.program, request.scale, request.frame)

@@ -83,10 +83,10 @@ def recorded_frames(metadata: Mapping[str, str]) -> WrenchFrames | None:
                 path.write_text(str(texts[name]), encoding="utf-8")
             geometry = load_geometry(paths["geometry"])
             found = load_config(RigFrames, paths["frames"])
+        names = (geometry.base_frame, geometry.platform_frame)
+        return wrench_frames(*names, found.tool_frame, found.sensor_frame, found.wrench_frames)
     except CabolsError:
         return None
-    names = (geometry.base_frame, geometry.platform_frame)
-    return wrench_frames(*names, found.tool_frame, found.sensor_frame, found.wrench_frames)
 
 
 def recorded_uncertainty(bag: Bag, samples_ns: IntArray) -> FloatArray:
