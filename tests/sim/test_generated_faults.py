@@ -45,6 +45,24 @@ def test_bridge_pays_out_alone_while_the_robot_moves(bench, seed):
     assert trial["peak_tension_n"] < ALONE_N
 
 
+@pytest.mark.parametrize("offset", [2.2, 2.6, 3.0, 3.4])
+@pytest.mark.parametrize("seed", range(2))
+def test_amplifier_near_the_limit_of_two_samples_is_switched_off_and_not_braked(
+    bench, offset, seed
+):
+    """Its current shows in one sample and not in the next: that is no step of the encoder."""
+    random = np.random.default_rng([seed, round(10 * offset)])
+    rig = bench.prepare("started", seed, random)
+    limb = int(random.integers(8))
+    rig.plant.inject("amplifier_offset", limb, offset)
+    rig.run(0.05, lambda: rig.guard.fault is not None)
+    assert rig.guard.fault.name == FaultName.MOTION
+    rig.run(0.01)
+    assert not rig.plant.enabled
+    rig.run(0.4)
+    assert rig.plant.tension.max() < 75.0
+
+
 @pytest.mark.parametrize("state", ["loading", "path under load"])
 def test_whichever_cable_breaks_no_other_and_no_axis_of_the_sensor_passes_its_limit(bench, state):
     """Two draws of the cable; one that is slack may break unseen, the bounds hold for all."""

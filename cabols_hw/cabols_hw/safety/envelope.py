@@ -18,7 +18,7 @@ from cabols_hw.safety.limb_faults import alone_missing, cable_or_switch, limb_fa
 from cabols_hw.safety.pose import PoseWatch
 from cabols_hw.safety.rules import Rule
 from cabols_hw.safety.search import SearchWatch
-from cabols_hw.safety.surges import SURGE_SAMPLES, SURPLUS_AS
+from cabols_hw.safety.surges import CERTAIN_AS, SURGE_SAMPLES, SURPLUS_AS
 
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
@@ -120,7 +120,8 @@ class SafetyEnvelope:
         """Whether a motor goes on its own, beyond its current: its amplifier may be the fault.
 
         One that stays behind its current may be jammed or not be counted: its amplifier is sound.
-        So is it where the speed went up in a single sample, as a current cannot make it.
+        So is it where the speed went up in a single sample, as a current cannot make it, unless it
+        goes on.
         """
         watch, speed = self._limbs, self.speed
         lasting = watch["motion_s"] > 0.5 * self._config.motion_time
@@ -128,7 +129,7 @@ class SafetyEnvelope:
         surges = np.abs(watch["surge"]) >= SURGE_SAMPLES
         charge = np.maximum(watch["surplus"], watch["against"])
         drives = ahead | surges | (charge > SURPLUS_AS)
-        return bool((drives & (watch["stepped"] == 0.0)).any())
+        return bool(((drives & (watch["stepped"] == 0.0)) | (charge > CERTAIN_AS)).any())
 
     def braking_speed(self, doubted: BoolArray) -> FloatArray:
         """(n,) speeds, winding in: of doubted limbs by the currents, of others by encoders [m/s].

@@ -26,6 +26,11 @@ current that lasts."""
 BLOCK_S = 0.016
 """Commands of the last one to two blocks may explain such a charge [s]: a bridge that was held up
 and reads its buffer of 16 samples in haste does not know when its commands took effect."""
+LONE_A = 1.0
+"""A step of the speed stands alone if the sample after it shows no more than this beyond all
+commands, to the same side [A]: a current of 3 A goes on, whether or not it is beyond SURGE_A."""
+CERTAIN_AS = 2.0 * SURPLUS_AS
+"""Charge that goes on being gathered after a step: no step's, but an amplifier's [A s]."""
 STEPPED_S = 0.1
 """How long a step of the speed is remembered that no current explains, of a single sample: what
 follows is then the encoder's fault, not the amplifier's [s]."""
@@ -58,12 +63,14 @@ def note_surge(own: Any, quantum: float, speed: float, current: float, dt_s: flo
     shown = inertia * (speed - before) / mean_s + 0.5 * (speed + before) / own["gain"]
     allowed = SURGE_A + 2.0 * quantum * inertia / (dt_s * mean_s)
     counted = own["surge"]
+    goes_on = counted * (shown - (high if counted > 0.0 else low)) > LONE_A
     if dt_s > LONG_SAMPLE_S or not low - allowed <= shown <= high + allowed:
         sign = 0.0 if dt_s > LONG_SAMPLE_S or np.isnan(shown) else np.sign(shown - high)
         own["surge"] = sign + (own["surge"] if own["surge"] * sign > 0.0 else 0.0)
     else:
         own["surge"] = 0.0
-    lone = abs(counted) == 1.0 and abs(own["surge"]) <= 1.0 and dt_s <= LONG_SAMPLE_S
+    lone = abs(counted) == 1.0 and abs(own["surge"]) <= 1.0 and not goes_on
+    lone = lone and dt_s <= LONG_SAMPLE_S
     own["stepped"] = STEPPED_S if lone else max(own["stepped"] - dt_s, 0.0)
     _note_command(own, current, dt_s)
     # Speeds follow each other without a gap, so that the encoder's steps do not add up.

@@ -74,6 +74,13 @@ DISTURBANCES = (
         LATE_S,
         RESTS | FREE | ZEROING,
     ),
+    Disturbance("half of the switches read open", several("switch_open", half), SEARCH_S, FREE),
+    Disturbance(
+        "half of the switches read closed",
+        several("switch_closed", half),
+        LATE_S,
+        RESTS | FREE | ZEROING,
+    ),
     Disturbance("encoder jumps", injected("encoder_jump", 0.003, 0.02, True), SOON_S),
     Disturbance("encoder frozen", injected("encoder_frozen"), LATE_S, RESTS),
     Disturbance("encoder loses counts", count_loss, SEARCH_S, frozenset({"started"})),
@@ -94,6 +101,12 @@ DISTURBANCES = (
     ),
     Disturbance(
         "amplifier offset", injected("amplifier_offset", 0.5, 2.0, True), SOON_S, amplifier=True
+    ),
+    Disturbance(
+        "amplifier offset, larger",
+        injected("amplifier_offset", 2.0, 4.9, True),
+        SOON_S,
+        amplifier=True,
     ),
     Disturbance(
         "amplifier delivers all", injected("amplifier_offset", 6.0, 7.0), SOON_S, amplifier=True
@@ -139,6 +152,7 @@ HARDER = frozenset(
         "motor of the highest jams",
         "amplifiers' supply lost",
         "amplifier offset",
+        "amplifier offset, larger",
         "amplifier delivers all",
         "two amplifiers offset",
         "samples missing",
