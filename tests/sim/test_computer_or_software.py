@@ -124,6 +124,20 @@ def test_a_stall_of_any_core_may_lose_a_cycle_but_only_the_bridges_makes_it_late
     assert found["timer_behind_max_s"] == 9e-3
 
 
+@pytest.mark.parametrize(
+    ("undisturbed", "guilty"), [(0.4, "computer"), (0.7, "software"), (None, "software")]
+)
+def test_an_error_is_the_computers_only_if_it_is_met_outside_the_pauses(undisturbed, guilty):
+    previewed = {"preview_lead_s": 0.1, "smoothed_error_rms_force_n": 1.4}
+    previewed |= {"smoothed_error_rms_torque_nm": 0.05}
+    if undisturbed is not None:
+        previewed["undisturbed_error_rms_force_n"] = undisturbed
+    found = summary(**previewed)
+    name = "rms against the smoothed command, force"
+    assert ([c.quantity for c in failures(found)] == [name]) == (guilty == "software")
+    assert ([c.quantity for c in by_computer(found)] == [name]) == (guilty == "computer")
+
+
 def test_a_slow_limb_law_is_the_softwares_on_the_busiest_computer():
     slow = summary(limb_work_median_s=1.1e-3, timer_late_percent=90.0, timer_lost_percent=90.0)
     assert [c.quantity for c in failures(slow)] == ["work of a limb controller's cycle, median"]

@@ -14,6 +14,7 @@ import pytest
 from cabols_control.bags.reader import Bag, Series
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
+from cabols_control.run_report.computer import TimerRecord
 from cabols_control.run_report.figures import decimate, draw_session, write_figures
 from cabols_control.run_report.figures_of_merit import (
     RunError,
@@ -26,6 +27,7 @@ from cabols_control.run_report.figures_of_merit import (
 )
 from cabols_control.run_report.report import write_report
 from cabols_control.run_report.run import BenchRun
+from cabols_control.run_report.stalls import stall_numbers
 from cabols_hw.card.config import load_card
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.plant.config import load_plant
@@ -571,3 +573,62 @@ def test_a_fault_while_loading_is_not_met():
     assert summary["loading_ended_by"] == "FAULT (plant: watchdog)"
     ended = next(c for c in checks(summary) if c.quantity == "loading ended by")
     assert ended.met is False
+
+
+PAUSE_S, PAUSE_AT_S = 0.08, 1.5
+
+
+def paused_run() -> BenchRun:
+    """A run whose bridge stood still for 80 ms, and whose wrench was 60 N off for that long."""
+    run = join_run(make_bag())
+    after = run.time >= PAUSE_AT_S
+    wrong = after & (run.time < PAUSE_AT_S + 0.3)
+    program = replace(run.program, smoothed=run.measured.copy(), command=run.measured.copy())
+    program.smoothed[wrong, 0] += 60.0
+    return replace(run, time=np.where(after, run.time + PAUSE_S, run.time), program=program)
+
+
+def stood_still(run: BenchRun, at_s: float, behind_s: float) -> TimerRecord:
+    """A bare timer that ran all the time and missed one instant."""
+    begin, end = run.loading_log_ns
+    miss = (begin + round(1e9 * at_s), round(1e9 * behind_s))
+    return TimerRecord(1_000_000, begin - 10**9, end + 10**9, [miss])
+
+
+def test_a_pause_that_bare_timers_shared_is_the_computers():
+    run = paused_run()
+    found = stall_numbers(run, [stood_still(run, PAUSE_AT_S, PAUSE_S)])
+    assert found["bridge_pause_max_s"] == pytest.approx(PAUSE_S + 1e-3)
+    assert found["bridge_pause_at_s"] == pytest.approx(PAUSE_AT_S, abs=2e-3)
+    assert found["timer_pause_then_s"] == pytest.approx(PAUSE_S)
+    assert found["undisturbed_error_rms_force_n"] == pytest.approx(0.0, abs=1e-9)
+    assert 80.0 < found["undisturbed_percent"] < 99.0
+
+
+@pytest.mark.parametrize(("at_s", "behind_s"), [(0.2, 0.08), (PAUSE_AT_S, 0.002)])
+def test_a_pause_of_the_loop_alone_excuses_nothing(at_s, behind_s):
+    run = paused_run()
+    found = stall_numbers(run, [stood_still(run, at_s, behind_s)])
+    assert found["bridge_pause_max_s"] == pytest.approx(PAUSE_S + 1e-3)
+    assert found["timer_pause_then_s"] < PAUSE_S / 2
+    assert found["undisturbed_error_rms_force_n"] > 1.0
+
+
+def test_too_little_that_is_undisturbed_is_not_judged():
+    run = paused_run()
+    found = stall_numbers(run, [stood_still(run, 0.0, 0.8 * float(run.time[run.loading][-1]))])
+    assert "undisturbed_error_rms_force_n" not in found
+
+
+def test_samples_that_only_the_recorder_missed_are_no_pause():
+    run = join_run(make_bag())
+    rows = np.ones(run.time.size, bool)
+    rows[2000:2100] = False
+    fields = ("time", "loading", "sequence", "measured", "answered", "uncertainty")
+    parts = {name: getattr(run, name)[rows] for name in fields}
+    program = replace(
+        run.program,
+        **{name: getattr(run.program, name)[rows] for name in ("command", "smoothed", "ahead")},
+    )
+    found = stall_numbers(replace(run, program=program, **parts), [])
+    assert found["bridge_pause_max_s"] == pytest.approx(1e-3)

@@ -143,10 +143,16 @@ def _error_checks(s: Mapping[str, Any]) -> list[Check]:
     if s.get("preview_lead_s"):
         limits = ((SMOOTHED_FORCE_MAX_N, "N", 3), (SMOOTHED_TORQUE_MAX_NM, "N m", 4))
         for kind, (limit, unit, digits) in zip(("force", "torque"), limits, strict=True):
-            value = s[f"smoothed_error_rms_{kind}_{unit.replace(' ', '').lower()}"]
-            found.append(
-                _most(f"rms against the smoothed command, {kind}", value, unit, digits, limit)
-            )
+            key = f"error_rms_{kind}_{unit.replace(' ', '').lower()}"
+            what = f"rms against the smoothed command, {kind}"
+            check = _most(what, s[f"smoothed_{key}"], unit, digits, limit)
+            calm = s.get(f"undisturbed_{key}")
+            shared = check.met is False and calm is not None and calm <= limit
+            found.append(replace(check, by_computer=shared))
+            if shared:
+                found.append(
+                    _plain(f"outside pauses of bare timers, {kind}", calm, unit, digits),
+                )
     return found
 
 
@@ -249,6 +255,21 @@ def _timer_rows(s: Mapping[str, Any]) -> list[Check]:
     return [
         _plain("bare timer beside: late", s["timer_late_percent"], "%", 2),
         _plain("bare timers beside: lost", s["timer_lost_percent"], "%", 3),
+        *_pause_rows(s),
+    ]
+
+
+def _pause_rows(s: Mapping[str, Any]) -> list[Check]:
+    """Longest pauses, and when; empty where they are not known."""
+    if s.get("bridge_pause_max_s") is None:
+        return []
+    bridge, timer, law = (
+        1e3 * s[key] for key in ("bridge_pause_max_s", "timer_pause_then_s", "law_pause_max_s")
+    )
+    shown = f"{bridge:.1f} ms at {s['bridge_pause_at_s']:.2f} s"
+    return [
+        Check("longest pause of the bridge", shown, f"bare timers then: {timer:.1f} ms", None),
+        Check("longest time without a tension command", f"{law:.1f} ms", "", None),
     ]
 
 

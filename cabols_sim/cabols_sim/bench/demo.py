@@ -281,6 +281,7 @@ def _report(arguments: argparse.Namespace, bag: Path, timers: Timers, asked: boo
     from cabols_control.run_report.figures import write_figures
     from cabols_control.run_report.figures_of_merit import load_run, summarise, table
     from cabols_control.run_report.report import write_report
+    from cabols_control.run_report.stalls import stall_numbers
     from cabols_sim.reproductions import run_all
 
     output: Path = arguments.output
@@ -289,6 +290,7 @@ def _report(arguments: argparse.Namespace, bag: Path, timers: Timers, asked: boo
     summary = {
         **summarise(run, load_rig(arguments.rig)),
         **_timer_numbers(run.loading_log_ns, timers),
+        **stall_numbers(run, timers.records),
     }
     failed, busy = failures(summary), by_computer(summary)
     summary["not_met_by_software"] = [check.quantity for check in failed]
