@@ -24,7 +24,12 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 
 from cabols_control.cable_kernels import cable_records, structure_matrix_into
-from cabols_control.tension import DEFAULT_WEIGHTS, RigTensionResolver, TensionResolver
+from cabols_control.tension import (
+    DEFAULT_WEIGHTS,
+    RigTensionResolver,
+    TensionResolver,
+    distribute,
+)
 
 LOW, HIGH, N = 1.0, 150.0, 8
 CENTRE = np.array([0.0, 1.234615, 0.792718])
@@ -77,6 +82,21 @@ class Inputs:
         return A
 
 
+def daqp_checked(A, wrench):
+    """`daqp.solve` as who checks would call it: shapes, finite numbers, order of the limits."""
+    matrix = np.ascontiguousarray(A, dtype=np.float64)
+    target = np.ascontiguousarray(wrench, dtype=np.float64)
+    if matrix.shape != (6, N) or target.shape != (6,):
+        raise ValueError("expected (6, n) and (6,)")
+    if not (np.isfinite(matrix).all() and np.isfinite(target).all() and LOW <= HIGH):
+        raise ValueError("expected finite numbers, limits in order")
+    upper, lower = np.empty(N + 6), np.empty(N + 6)
+    upper[:N], lower[:N] = HIGH, LOW
+    upper[N:] = lower[N:] = target
+    tension, _, status, _ = daqp.solve(EYE, ZERO, matrix, upper, lower, SENSE)
+    return tension, status == 1, matrix @ tension - target
+
+
 def time_calls(calls: dict[str, Call], count: int) -> dict[str, np.ndarray]:
     """Nanoseconds of every call, the calls taken in turn."""
     clock, taken = time.perf_counter_ns, {name: np.empty(count) for name in calls}
@@ -124,6 +144,8 @@ def single_calls(inputs: Inputs, count: int) -> dict[str, np.ndarray]:
             ),
             "pose_feasible": lambda i: moving.solve(positions[i], rotations[i], inside[i]),
             "daqp_cold": lambda i: daqp.solve(EYE, ZERO, matrices[i], upper[i], lower[i], SENSE),
+            "distribute": lambda i: distribute(matrices[i], inside[i], LOW, HIGH),
+            "daqp_checked": lambda i: daqp_checked(matrices[i], inside[i]),
             "pose_infeasible": lambda i: moving.solve(positions[i], rotations[i], outside[i]),
             "nothing": lambda i: None,
         },
@@ -207,6 +229,14 @@ def judge(
             (f"the same, new arrays each call, {label}", "daqp_warm", "fixed_feasible", 4.0, True),
             (f"new pose vs daqp.solve, {label}", "daqp_cold", "pose_into", 3.5, True),
             (f"the same, new arrays each call, {label}", "daqp_cold", "pose_feasible", 3.5, True),
+            (
+                f"distribute vs daqp.solve and checks, {label}",
+                "daqp_checked",
+                "distribute",
+                2.5,
+                True,
+            ),
+            (f"distribute vs daqp.solve alone, {label}", "daqp_cold", "distribute", 2.5, True),
         ]
         if label == "median":
             rows += [

@@ -39,6 +39,8 @@ _NATIVE = np.dtype(np.float64)
 _ARRAY = np.ndarray
 _empty = np.empty
 _new = tuple.__new__
+_NOT_PLAIN = STATUS_MASK | SOFTENED
+"""Bits of an entry's answer that are 0 (FEASIBLE, nothing given up) in the common case."""
 
 
 def distribute(
@@ -100,25 +102,27 @@ def distribute(
         Taghirad and Bedoustani 2011 (thesis (3.5)-(3.8), whose cases under (3.8) are stated the
         wrong way round: mu_i > 0 only where tau_i = tau_min), upper limits added.
     """
-    if method == _PLAIN and weights is None and exponent is DEFAULT_EXPONENT:
+    if method is _PLAIN and weights is None and exponent is DEFAULT_EXPONENT:
         # Arrays as the compiled code takes them, with its checks; all else is converted, or refused
-        # with a reason, below.
+        # with a reason, below. Few names and branches: they are a fifth of the call.
         try:
             # A subclass may be a masked array, which numba takes for a plain one.
-            plain = type(A) is _ARRAY and A.dtype is _NATIVE
-            if not (plain and type(wrench) is _ARRAY and wrench.dtype is _NATIVE):
+            if not (type(A) is type(wrench) is _ARRAY and A.dtype is wrench.dtype is _NATIVE):
                 raise TypeError
-            tension, residual = _empty(A.shape[1]), _empty(6)  # type: ignore[union-attr]
-            if type(tension_min) is float and type(tension_max) is float:
+            tension, residual = _empty(A.shape[1]), _empty(6)
+            if type(tension_min) is type(tension_max) is float:
                 entry = calls.distribute_entry
-            elif type(tension_min) is _ARRAY and type(tension_max) is _ARRAY:
-                if not (tension_min.dtype is _NATIVE and tension_max.dtype is _NATIVE):
+            elif type(tension_min) is type(tension_max) is _ARRAY:
+                if not tension_min.dtype is tension_max.dtype is _NATIVE:
                     raise TypeError
                 entry = calls.distribute_each_entry
             else:
                 raise TypeError
             code = entry(A, wrench, tension_min, tension_max, exact, tension, residual)
-            status, steps, loss = code & STATUS_MASK, code >> STEP_BITS, 0.0
+            steps = code >> STEP_BITS
+            if not code & _NOT_PLAIN:
+                return _new(TensionSolution, (tension, True, residual, _PLAIN, steps, 0.0))
+            status, loss = code & STATUS_MASK, 0.0
             if code & SOFTENED:  # seldom: once more, with a place for what was given up
                 more = _empty(tension.shape[0] + 1)
                 entry(A, wrench, tension_min, tension_max, exact, more, residual)
