@@ -15,6 +15,9 @@ from limb_sequences import answers
 STORED = Path(__file__).parents[1] / "data/limb_steps_of_0_1.npz"
 MODES = {mode.name: mode for mode in OperatingMode}
 SUBSET = [2, 5, 7]
+MENDED = {("all", 5): 13}
+"""Sequences in which a number that was not finite kept version 0.1 from FREE_MOVING for ever, also
+after STOPPED: from this step on other answers are right."""
 
 
 def answers_of(rig, limbs, seed):
@@ -37,11 +40,18 @@ def test_every_current_is_the_one_of_0_1(rig, name, limbs, first, count):
         taken = []
         for k in range(count):
             found = answers_of(rig, limbs, first + k)
+            end = MENDED.get((name, k))
             for field in ("current", "saturated", "fault", "unloaded"):
-                expected = stored[f"{name}_{field}"][k]
-                np.testing.assert_array_equal(found[field], expected, err_msg=f"{field}, {k}")
+                expected = stored[f"{name}_{field}"][k][:end]
+                np.testing.assert_array_equal(found[field][:end], expected, err_msg=f"{field}, {k}")
+            assert np.abs(found["current"]).max() <= rig.control.current_limit
             taken.append(found["taken"])
-        np.testing.assert_array_equal(np.concatenate(taken), stored[f"{name}_taken"])
+        last = max((k for this, k in MENDED if this == name), default=-1)
+        first_ones, last_ones = taken[: max(last, 0)], taken[last + 1 :]
+        for part, at in ((first_ones, slice(None)), (last_ones, slice(None, None, -1))):
+            if part:
+                expected, ours = stored[f"{name}_taken"][at], np.concatenate(part)[at]
+                np.testing.assert_array_equal(ours, expected[: ours.size])
 
 
 def test_the_stored_sequences_go_everywhere():

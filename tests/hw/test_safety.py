@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cabols_control.errors import ConfigError
+from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_hw.safety.config import SafetyConfig, load_safety
 from cabols_hw.safety.faults import FAULTS, Reaction
@@ -452,3 +453,12 @@ def test_pressed_stop_brakes_and_lets_no_tension_rise(loaded):
         highest = max(highest, loaded.plant.tension.max())
     assert highest <= 150.0
     assert not loaded.plant.current.any()
+
+
+@pytest.mark.parametrize("back_s", [0.05, 10.0])
+def test_a_clock_that_goes_back_is_a_fault_also_while_nothing_else_shows_it(loaded, back_s):
+    """A pose that is silent would else be fresh by it for as long as the step."""
+    read, shift_ns = loaded.card.read, round(1e9 * back_s)
+    loaded.card.read = lambda: replace(sample := read(), time_ns=sample.time_ns - shift_ns)
+    loaded.cycle()
+    assert loaded.guard.fault.name == FaultName.STATE_AGE

@@ -14,6 +14,9 @@ from cabols_control.errors import ShapeError
 from cabols_control.gains import LimbGains
 from cabols_control.limb_control.records import limb_records
 
+ABSURD = 1e9
+"""Positions [m] and speeds [m/s] beyond this are no numbers of a rig; products would overflow."""
+
 
 @njit(cache=True)
 def advance_law(limbs: Any, dt_s: float, current_limit: float) -> bool:
@@ -25,10 +28,11 @@ def advance_law(limbs: Any, dt_s: float, current_limit: float) -> bool:
         current_limit: bound on |current| [A].
 
     Returns:
-        False if a reference or a position is not finite: nothing is changed then.
+        False if a reference or a position is not finite, or absurd: nothing is changed then.
     """
     for i in range(limbs.shape[0]):
-        if not (np.isfinite(limbs[i]["reference"]) and np.isfinite(limbs[i]["position"])):
+        # Written so that NaN is refused.
+        if not (abs(limbs[i]["reference"]) <= ABSURD and abs(limbs[i]["position"]) <= ABSURD):
             return False
     for i in range(limbs.shape[0]):
         limb = limbs[i]

@@ -13,6 +13,9 @@ from cabols_control.limb_control.records import ControlKind
 
 RATE_FILTER_S = 0.012
 """Time constant of the filter of the cable's rate, three periods of the pose (4 ms each) [s]."""
+RATE_MOST = 10.0
+"""Rate beyond which no cable goes [m/s]: what looks faster, or is no number, must not stay in the
+filter."""
 
 
 @njit(cache=True)
@@ -90,9 +93,10 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
             if limb["changed"]:
                 limb["cable_length"], limb["cable_rate"] = beyond, 0.0
             rate = (beyond - limb["cable_length"]) / dt_s
-            limb["cable_rate"] += share * (rate - limb["cable_rate"])
+            if abs(rate) <= RATE_MOST:
+                limb["cable_rate"] += share * (rate - limb["cable_rate"])
             limb["cable_length"] = beyond
-            limb["reference"] -= limb["cable_rate"]
+            limb["reference"] -= limb["cable_rate"] + 0.0 * beyond
 
 
 @njit(cache=True)

@@ -65,6 +65,7 @@ class LoadProgramNode(ControlNode):
         self._preview = declare_row(self, CONTROL_NODES.argument("preview"))
         rate = declare(self, "rate", 250.0, "Hz, of desired_wrench in real time", (1.0, 1000.0))
         self._held_s = 0.0 if self.paced else 1.0 / rate
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
         learns = declare_row(self, CONTROL_NODES.argument("learn"))
         self._taught = TaughtRuns(self, self._held_s) if learns and self._preview else None
         geometry = self.rig.geometry
@@ -150,7 +151,8 @@ class LoadProgramNode(ControlNode):
         return None
 
     def _tick(self) -> None:
-        now_ns = time.time_ns()
+        # Not the computer's clock: a programme must not jump when somebody sets it.
+        now_ns = self._epoch_ns + time.monotonic_ns()
         self._mode.take()
         with self._lock:
             self._advance(1e-9 * now_ns)

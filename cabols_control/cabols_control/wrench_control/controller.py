@@ -102,6 +102,7 @@ class WrenchController:
         self._ahead_s = _delay_of(control)
         self._ahead = np.zeros(3), np.eye(3)
         self._reasonable = REASONABLE * rig.control.rated
+        self._usable = np.zeros(6)
         self._unload_step = np.repeat(control.unload_rates, 3)
         self._desired_timeout = control.desired_timeout
         self._tensions = TensionReference(rig)
@@ -211,13 +212,16 @@ class WrenchController:
         elif not dt_s > 0.0:
             return self.tension
         self._last_stamp = stamp_s
-        usable = bool(np.isfinite(measured).all())
+        usable = _take_into(measured, self._reasonable, self._usable)
         self._bad_samples = 0 if usable else self._bad_samples + 1
         if mode != OperatingMode.LOADING:
             self._rest()
             return self.tension
         if self._bad_samples > MAX_BAD_SAMPLES and self.fault is None:
-            reason = f"wrench: {self._bad_samples} samples in a row are not finite"
+            reason = (
+                f"wrench: {self._bad_samples} samples in a row are not finite, or beyond "
+                f"{REASONABLE:g} times the rated wrench"
+            )
             self.fault = Fault(FaultName.NOT_FINITE, reason)
         if self.fault is not None:
             self.active = False

@@ -67,6 +67,7 @@ class PathFollower:
         geometry = node.rig.geometry
         self._record = topics.path_motion_layout(geometry).record()
         self._output = node.advertise("path_motion")
+        self._epoch_ns = time.time_ns() - time.monotonic_ns()
         self._states = Input(node, live_name("limb_state"), topics.limb_state_layout(geometry))
         self.mode: Callable[[], OperatingMode | None] = lambda: None
         self.worker: Worker | None = None
@@ -209,7 +210,9 @@ class PathFollower:
 
     def _announce(self, active: bool, speed: float, turning: float) -> None:
         record = self._record
-        record.stamp(time.time_ns())
+        # The bridge takes no announcement that is older than one before: not the computer's clock,
+        # which somebody may set.
+        record.stamp(self._epoch_ns + time.monotonic_ns())
         record["active"][0] = active
         record["speed"][0], record["rotation_speed"][0] = speed, turning
         record["session"][0] = self._node.status.sessions.session

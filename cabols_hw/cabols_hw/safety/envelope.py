@@ -7,6 +7,7 @@ import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.rig import Rig
+from cabols_control.supervision.clock import CLOCK_BACK_S
 from cabols_control.supervision.faults import OVERLOAD, FaultName
 from cabols_control.supervision.modes import LOADED, MOVING, OperatingMode
 from cabols_hw.bridge.braking import STILL_M_S, STOP_TIME_S
@@ -189,6 +190,11 @@ class SafetyEnvelope:
         moving = mode in MOVING or recovers
         if not 0.0 < dt_s <= LONGEST_STEP_S:
             limb_rules.forget_motion(self._limbs)
+            if moving and dt_s < -CLOCK_BACK_S:
+                # Else what is old by the clock before would seem fresh for as long as the step.
+                return BridgeFault(
+                    FaultName.STATE_AGE, f"the samples' clock went back by {-dt_s:.3g} s"
+                )
             if moving and dt_s > self._config.state_age:
                 return BridgeFault(
                     FaultName.STATE_AGE,
