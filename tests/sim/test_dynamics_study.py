@@ -7,15 +7,15 @@ import json
 
 import numpy as np
 
-from cabols_sim.studies import dynamics_study
+from cabols_sim.studies import dynamics_results
 
 
 def test_case_and_vibration_leave_pictures_and_numbers(tmp_path, monkeypatch):
-    monkeypatch.setattr(dynamics_study, "TARGET_FACTORS", (1.0,))
-    monkeypatch.setattr(dynamics_study, "STEP_FACTORS", (1.0,))
-    output = dynamics_study.Output(tmp_path)
-    dynamics_study.planar_case(output)
-    dynamics_study.vibration(output)
+    monkeypatch.setattr(dynamics_results, "TARGET_FACTORS", (1.0,))
+    monkeypatch.setattr(dynamics_results, "STEP_FACTORS", (1.0,))
+    output = dynamics_results.Output(tmp_path)
+    dynamics_results.planar_case(output)
+    dynamics_results.vibration(output)
     output.close()
     pictures = {path.stem for path in tmp_path.glob("*.png")}
     assert pictures == {
@@ -50,13 +50,13 @@ def test_an_open_balance_fails_the_command(tmp_path, monkeypatch):
         def run(self):
             return Motion()
 
-    monkeypatch.setattr(dynamics_study, "planar_motion", lambda cable: Free())
-    monkeypatch.setattr(dynamics_study, "spatial_motion", lambda cable: Free())
-    monkeypatch.setattr(dynamics_study, "momentum_imbalance", lambda robot, motion: (0.0, 0.0))
-    monkeypatch.setattr(dynamics_study.Output, "figure", lambda *_: None)
-    monkeypatch.setattr(dynamics_study.draw, "draw_balance", lambda motions: None)
-    assert not dynamics_study.balances(dynamics_study.Output(tmp_path))
+    monkeypatch.setattr(dynamics_results, "planar_motion", lambda cable: Free())
+    monkeypatch.setattr(dynamics_results, "spatial_motion", lambda cable: Free())
+    monkeypatch.setattr(dynamics_results, "momentum_imbalance", lambda robot, motion: (0.0, 0.0))
+    monkeypatch.setattr(dynamics_results.Output, "figure", lambda *_: None)
+    monkeypatch.setattr(dynamics_results.draw, "draw_balance", lambda motions: None)
+    assert not dynamics_results.balances(dynamics_results.Output(tmp_path))
     Motion.relative_imbalance = 5e-7
-    assert dynamics_study.balances(dynamics_study.Output(tmp_path))
+    assert dynamics_results.balances(dynamics_results.Output(tmp_path))
     Motion.relative_imbalance = float("nan")
-    assert not dynamics_study.balances(dynamics_study.Output(tmp_path))
+    assert not dynamics_results.balances(dynamics_results.Output(tmp_path))

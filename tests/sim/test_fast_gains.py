@@ -16,7 +16,7 @@ from cabols_control.run_report.figures_of_merit import designed_rise_time
 from cabols_sim.bench import run as bench_run
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.reproductions.common import bench
-from cabols_sim.studies import fast_gains, gain_search
+from cabols_sim.studies import fast_gains_proof, gain_search
 from graph_harness import next_environment
 
 CONTROL = rig_file("control_fast.yaml")
@@ -47,12 +47,12 @@ def test_brisk_design_follows_5_hz_by_feedback_alone(axis):
 def test_rise_time_is_halved_over_drawn_plants(rig):
     fast = load_rig(control=CONTROL)
     assert designed_rise_time(fast) < 0.5 * designed_rise_time(rig)
-    found = fast_gains.draw_plants(fast, 4)
+    found = fast_gains_proof.draw_plants(fast, 4)
     assert found["rise_time_median_max_s"] <= 0.12
     assert found["overshoot_max_percent"] < 5.0
     assert found["current_peak_max_a"] < 3.0
-    assert fast_gains.show_drawn(found)
-    assert not fast_gains.show_drawn({**found, "current_peak_max_a": 3.0})
+    assert fast_gains_proof.show_drawn(found)
+    assert not fast_gains_proof.show_drawn({**found, "current_peak_max_a": 3.0})
 
 
 @pytest.mark.ros
@@ -70,7 +70,7 @@ def test_rise_overshoot_and_current_through_the_real_nodes(tmp_path, monkeypatch
     program.write_text("\n".join(rows) + "\n")
     environment = next_environment()
     monkeypatch.setattr(bench_run, "isolated_environment", lambda: {**os.environ, **environment})
-    summary = fast_gains.run_program(str(program), CONTROL, tmp_path / "run")
+    summary = fast_gains_proof.run_program(str(program), CONTROL, tmp_path / "run")
     assert summary["steps"] == 1
     assert summary["rise_time_s"] <= 0.12
     assert summary["rise_time_max_s"] <= 0.12
@@ -78,17 +78,17 @@ def test_rise_overshoot_and_current_through_the_real_nodes(tmp_path, monkeypatch
     assert summary["current_peak_a"] < 3.0
     assert summary["tension_min_n"] > 0.5
     assert summary["cross_coupling_percent"] < 2.0
-    assert fast_gains.show(summary)
-    assert not fast_gains.show({**summary, "overshoot_percent": 5.0})
+    assert fast_gains_proof.show(summary)
+    assert not fast_gains_proof.show({**summary, "overshoot_percent": 5.0})
 
 
 def test_missed_promises_are_said(capsys):
-    good = {key: 0.0 for _, key, *_ in fast_gains.ROWS}
-    assert fast_gains.show({**good, "faults": {}})
-    assert not fast_gains.show({**good, "current_peak_a": 3.0, "faults": {}})
+    good = {key: 0.0 for _, key, *_ in fast_gains_proof.ROWS}
+    assert fast_gains_proof.show({**good, "faults": {}})
+    assert not fast_gains_proof.show({**good, "current_peak_a": 3.0, "faults": {}})
     assert "NOT MET" in capsys.readouterr().out
-    assert not fast_gains.show({**good, "rise_time_s": None, "faults": {}})
-    assert not fast_gains.show({**good, "faults": {"plant": "tension"}})
+    assert not fast_gains_proof.show({**good, "rise_time_s": None, "faults": {}})
+    assert not fast_gains_proof.show({**good, "faults": {"plant": "tension"}})
 
 
 def test_search_finds_a_design_within_its_limits(rig, card, plant_config):

@@ -39,7 +39,7 @@ from cabols_sim.dynamics.vibration import (
     string_frequency,
 )
 from cabols_sim.plant.closed_loop import simulate
-from cabols_sim.studies.dynamics_study import held_by_robot
+from cabols_sim.studies.dynamics_results import held_by_robot
 
 DESIGNS = ["control.yaml", "control_fast.yaml"]
 
