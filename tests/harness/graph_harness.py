@@ -103,11 +103,29 @@ class Watcher:
         return next(future for future in sent if future.done()).result()
 
     def wait(self, condition: Callable[[], bool], what: str, seconds: float = 90.0) -> None:
-        """Wait for a condition; fail with what was waited for."""
+        """Wait for a condition; fail with what was waited for.
+
+        A condition that looks at the newest message of a topic that has said nothing yet does not
+        hold yet.
+        """
         give_up = time.monotonic() + seconds
-        while not condition():
+        while True:
+            with suppress(IndexError):
+                if condition():
+                    return
             assert time.monotonic() < give_up, f"waited {seconds:g} s in vain for {what}"
             time.sleep(0.005)
+
+    def wait_for_states_of(self, mode: Any) -> None:
+        """Wait until the limb states have come that a mode's message stands for.
+
+        Two topics have no common order: on a busy computer a mode is often read before the limb
+        states that led to it.
+        """
+        self.wait(
+            lambda: stamp_ns(self.seen["limb_state"][-1]) >= stamp_ns(mode),
+            "the limb states before a mode",
+        )
 
     def modes(self) -> list[int]:
         """Modes seen so far."""
@@ -119,10 +137,21 @@ class Watcher:
         return list(dict.fromkeys(said))
 
     def close(self) -> None:
-        """End the watcher."""
-        self.context.try_shutdown()
-        self._thread.join(timeout=5.0)
+        """Keep what has come but was not read yet, and end the watcher."""
+        self._executor.shutdown()
+        self._thread.join(timeout=30.0)
+        for subscription in self.node.subscriptions:
+            with subscription.handle:
+                while taken := subscription.handle.take_message(subscription.msg_type, False):
+                    subscription.callback(taken[0])
         self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def stamp_ns(message: Any) -> int:
+    """Stamp of a message [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def qos(topic: str) -> Any:

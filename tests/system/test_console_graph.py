@@ -214,6 +214,7 @@ def test_nobody_at_the_rig(tmp_path):
         began = watcher.came_s["mode"][since + watcher.modes()[since:].index(Mode.UNLOADING)]
         watcher.wait(lambda: watcher.modes()[-1] == Mode.STOPPED, "STOPPED")
         assert watcher.seen["mode"][-1].reason.startswith("unattended: the operator's console")
+        watcher.wait_for_states_of(watcher.seen["mode"][-1])
         assert max(watcher.seen["limb_state"][-1].tension) < 10.0
         return began
 
