@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import functools
 import importlib.util
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,9 +68,14 @@ def declared_parameters(module: str, entry: str = "main") -> list[DeclaredParame
     Raises:
         ModuleNotFoundError: if there is no such module.
     """
+    return list(_declared(module, entry))
+
+
+@functools.cache
+def _declared(module: str, entry: str) -> tuple[DeclaredParameter, ...]:
     found: dict[str, DeclaredParameter] = {}
     _follow(module, entry, found, set())
-    return sorted(found.values(), key=lambda parameter: parameter.name)
+    return tuple(sorted(found.values(), key=lambda parameter: parameter.name))
 
 
 def docstring_of(module: str) -> str:
@@ -90,8 +96,9 @@ def _follow(
         if name in source.imports:
             _follow(*source.imports[name], found, seen)
         return
-    values = {**_imported(source), **source.constants, **_assigned(definition)}
-    for node in ast.walk(definition):
+    nodes = list(ast.walk(definition))
+    values = {**_imported(module), **source.constants, **_assigned(nodes)}
+    for node in nodes:
         if isinstance(node, ast.Call) and _is_row(node):
             parameter = _of_table(node)
             found.setdefault(parameter.name, parameter)
@@ -133,22 +140,23 @@ def _of_table(call: ast.Call) -> DeclaredParameter:
     return DeclaredParameter(row.parameter or row.name, repr(row.default), text, bounds)
 
 
-def _assigned(definition: Definition) -> dict[str, ast.expr]:
-    """Return the plain assignments in a definition, by name."""
+def _assigned(nodes: Iterable[ast.AST]) -> dict[str, ast.expr]:
+    """Return the plain assignments among the nodes of a definition, by name."""
     return {
         node.targets[0].id: node.value
-        for node in ast.walk(definition)
+        for node in nodes
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
     }
 
 
-def _imported(source: _Module) -> dict[str, ast.expr]:
+@functools.cache
+def _imported(module: str) -> dict[str, ast.expr]:
     """Return the constants that a module imports from the project, by the name that it uses."""
     found = {}
-    for name, (module, original) in source.imports.items():
-        if not module.startswith(PREFIX):
+    for name, (other, original) in _read(module).imports.items():
+        if not other.startswith(PREFIX):
             continue
-        if (constant := _read(module).constants.get(original)) is not None:
+        if (constant := _read(other).constants.get(original)) is not None:
             found[name] = constant
     return found
 
@@ -180,7 +188,7 @@ def _text(expression: ast.expr, values: dict[str, ast.expr], show: Any) -> str:
         return ast.unparse(expression)
 
 
-@functools.lru_cache(maxsize=64)
+@functools.cache
 def _read(module: str) -> _Module:
     path = _source(module)
     tree = ast.parse(path.read_text(encoding="utf-8"), str(path))

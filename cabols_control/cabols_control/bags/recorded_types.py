@@ -29,10 +29,11 @@ def store_of(channel: ChannelInfo) -> Typestore:
             f"{channel.topic}: expected CDR messages, got {channel.encoding}; leave it out: name "
             "the topics to be read"
         )
-    store = get_typestore(Stores.EMPTY)
+    text = channel.schema.data.decode("utf-8", "replace")
     try:
-        store.register(_types(channel))
-        store.get_msgdef(channel.type_name)
+        if channel.schema.encoding == "ros2msg" and text.strip():
+            return _store_of_text(channel.type_name, text)
+        return _complete(_types(channel, text), channel.type_name)
     except BagError:
         raise
     except Exception as error:
@@ -41,12 +42,23 @@ def store_of(channel: ChannelInfo) -> Typestore:
             f"{channel.topic}: expected a complete definition of {channel.type_name} in the bag, "
             f"got {type(error).__name__} {error}; name the topics to be read, without this one"
         ) from error
+
+
+@lru_cache(maxsize=64)
+def _store_of_text(type_name: str, text: str) -> Typestore:
+    """Store of a definition; kept, as a store compiles its decoders anew."""
+    return _complete(parse_definition(type_name, text), type_name)
+
+
+def _complete(types: dict[str, Any], type_name: str) -> Typestore:
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    store.get_msgdef(type_name)
     return store
 
 
-def _types(channel: ChannelInfo) -> dict[str, Any]:
+def _types(channel: ChannelInfo, text: str) -> dict[str, Any]:
     """Types of a channel: from the bag; from the installed packages where the bag has none."""
-    text = channel.schema.data.decode("utf-8", "replace")
     if channel.schema.encoding == "ros2idl":
         return _from_idl(channel, text)
     if channel.schema.encoding == "ros2msg" and (text.strip() or not _has_fields(channel)):

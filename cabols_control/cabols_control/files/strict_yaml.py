@@ -10,7 +10,9 @@ bounded. The rules for numbers are those of YAML 1.2's core schema, without octa
 from __future__ import annotations
 
 import re
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -25,6 +27,8 @@ MERGE = "<<"
 """Key that YAML 1.1 replaces by another mapping's keys, and 1.2 does not."""
 MAX_SHOWN = 60
 """Letters of a wrong value in a message."""
+MAX_KEPT, MAX_KEPT_LETTERS = 64, 20_000
+"""Files whose content is kept, as a rig's files are read again and again, and their length."""
 
 _ODD_BREAK = re.compile("[\u0085\u2028\u2029]")
 
@@ -67,6 +71,29 @@ class _Loader(yaml.SafeLoader):
     """SafeLoader with the rules of this module."""
 
     yaml_implicit_resolvers: dict[str, list[Any]] = {}  # noqa: RUF012
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = 0
+
+    def compose_sequence_node(self, anchor: Any) -> yaml.SequenceNode:
+        self._go_deeper()
+        node = super().compose_sequence_node(anchor)
+        self._depth -= 1
+        return node
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        self._go_deeper()
+        node = super().compose_mapping_node(anchor)
+        self._depth -= 1
+        return node
+
+    def _go_deeper(self) -> None:
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
+            line = 0 if event.start_mark is None else event.start_mark.line + 1
+            raise ConfigError(f"line {line}: expected at most {MAX_DEPTH} levels, got more")
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: dict[str, int] = {}
@@ -125,9 +152,20 @@ def parse(text: str) -> Document:
     """
     if len(text) > MAX_LETTERS:
         raise ConfigError(f"expected at most {MAX_LETTERS} letters, got {len(text)}")
+    if len(text) > MAX_KEPT_LETTERS:
+        return _parse(text)
+    kept = _kept(text)
+    return Document(deepcopy(kept.content), kept.root)
+
+
+@lru_cache(maxsize=MAX_KEPT)
+def _kept(text: str) -> Document:
+    return _parse(text)
+
+
+def _parse(text: str) -> Document:
     _check_breaks(text)
     try:
-        _check_depth(text)
         loader = _Loader(text)
         try:
             root = loader.get_single_node()
@@ -159,19 +197,6 @@ def _check_breaks(content: str) -> None:
             f"line {line}: expected lines that end by a line feed, got the character "
             f"U+{ord(found[0]):04X}, which YAML 1.1 and 1.2 read differently; delete it"
         )
-
-
-def _check_depth(text: str) -> None:
-    depth = 0
-    for event in yaml.parse(text, Loader=_Loader):
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-        if depth > MAX_DEPTH and event.start_mark is not None:
-            raise ConfigError(
-                f"line {event.start_mark.line + 1}: expected at most {MAX_DEPTH} levels, got more"
-            )
 
 
 def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
