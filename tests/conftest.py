@@ -18,7 +18,11 @@ from cabols_control.rig import load_rig
 from cabols_hw.card.config import load_card
 from cabols_sim.plant.config import load_plant
 from longest_first import pytest_collection_modifyitems  # noqa: F401
-from outcome_counts import pytest_terminal_summary  # noqa: F401
+from outcome_counts import (  # noqa: F401
+    pytest_deselected,
+    pytest_ignore_collect,
+    pytest_terminal_summary,
+)
 
 
 @pytest.fixture(scope="session")

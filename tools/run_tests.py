@@ -23,8 +23,14 @@ from pathlib import Path
 
 TWO = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
 """Two processes, a file at a time, in the order of tests/harness/longest_first.py."""
-PARTS = (("not (ros or realtime)", TWO), ("ros and not realtime", TWO), ("realtime", ()))
-"""Tests that run one part after the other, and how pytest runs them."""
+PARTS = (
+    ("not (ros or realtime)", TWO, ""),
+    ("ros and not realtime", TWO, "mark.ros"),
+    ("realtime", (), "mark.realtime"),
+)
+"""Tests that run one part after the other, how pytest runs them, and what their files must name."""
+MARKS = "CABOLS_TEST_MARKS"
+"""Environment variable for the latter: importing all files takes as long as a graph."""
 COUNTS = "CABOLS_TEST_COUNTS"
 """Environment variable: file for the numbers of outcomes, see tests/harness/outcome_counts.py."""
 NOTHING_COLLECTED = 5
@@ -54,15 +60,18 @@ def selection(part: str, expression: str) -> str:
     return " and ".join(f"({each})" for each in parts if each)
 
 
-def run_part(words: Sequence[str]) -> tuple[int, Counter[str]]:
+def run_part(words: Sequence[str], marks: str = "") -> tuple[int, Counter[str]]:
     """Run pytest once; return its exit code and the numbers of outcomes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "counts.json"
         # Matrices are small: on a busy machine threads for them make a fit 30 times slower.
-        environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, COUNTS: str(file)}
+        environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, COUNTS: str(file), MARKS: marks}
         command = [sys.executable, "-m", "pytest", *words]
         code = subprocess.run(command, check=False, env=environment).returncode
         counts = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        left_out = Path(f"{file}.deselected")
+        if left_out.exists():
+            counts["deselected"] = sum(map(int, left_out.read_text(encoding="utf-8").split()))
     return code, Counter(counts)
 
 
@@ -77,13 +86,15 @@ def closing_line(counts: Counter[str], seconds: float) -> str:
 def add_up(*parts: Counter[str]) -> Counter[str]:
     """Outcomes of all parts; deselected are those that no part ran.
 
-    With processes beside it pytest does not count what it deselects, so the last part's number is
-    taken, which counts what the parts before have run, too.
+    The first part sees all files, and counts what the parts after it run, too. Where it has not
+    counted, the last part's number is taken, less what the parts before have run.
     """
     outcomes = ("failed", "passed", "skipped", "xfailed", "xpassed")
     total = sum(parts, Counter[str]())
-    before = sum(part[name] for part in parts[:-1] for name in outcomes)
-    total["deselected"] = max(parts[-1]["deselected"] - before, 0)
+    counting = 0 if "deselected" in parts[0] else len(parts) - 1
+    others = [part for number, part in enumerate(parts) if number != counting]
+    run = sum(part[name] for part in others for name in outcomes)
+    total["deselected"] = max(parts[counting]["deselected"] - run, 0)
     return total
 
 
@@ -99,8 +110,8 @@ def main(words: Sequence[str]) -> int:
     """Run all parts; 0 if each passed."""
     expression, others = split_marks(words)
     began, codes, found = time.monotonic(), [], list[Counter[str]]()
-    for part, how in PARTS:
-        code, counts = run_part([*how, "-m", selection(part, expression), *others])
+    for part, how, marks in PARTS:
+        code, counts = run_part([*how, "-m", selection(part, expression), *others], marks)
         codes.append(code)
         found.append(counts)
         if code not in (0, NOTHING_COLLECTED) and {"-x", "--exitfirst"} & set(others):
