@@ -32,7 +32,7 @@ from dds_domains import next_domain
 pytestmark = [pytest.mark.ros]
 
 TOKEN = "a-token-of-the-tests-0123456789"
-PATIENCE_S = 110.0
+PATIENCE_S = 300.0
 
 
 @pytest.fixture

@@ -30,6 +30,7 @@ from cabols_control.ros.rig_client import (
 )
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.topics import NAMESPACE
+from cabols_sim.bench.run import forgiving
 from graph_harness import next_environment, run_scenario
 
 pytestmark = pytest.mark.ros
@@ -363,7 +364,6 @@ def test_it_works_on_a_node_that_is_there_already(fake):
     assert fake.context.ok()
 
 
-@pytest.mark.realtime
 def test_one_session_on_the_real_graph():
     """What docs/rig_client.md shows, on the bench in slow motion."""
     seen = {}
@@ -377,8 +377,8 @@ def test_one_session_on_the_real_graph():
             rig.enter(OperatingMode.LOADING)
             heard = []
             action = rig.start("run_program", heard.append, program="ramps")
-            rig.wait(lambda: len(heard) > 2, "feedback", 60.0)
-            rig.wait(lambda: max(rig.newest("limb_state").tension) > 12.0, "tensions", 60.0)
+            rig.wait(lambda: len(heard) > 2, "feedback", 300.0)
+            rig.wait(lambda: max(rig.newest("limb_state").tension) > 12.0, "tensions", 300.0)
             seen["cancelled"] = action.cancel()
             rig.enter(OperatingMode.STOPPED)
             rig.emergency_stop()
@@ -388,7 +388,7 @@ def test_one_session_on_the_real_graph():
             rig.reset()
             seen["mode"] = rig.mode
 
-    ended, _, _ = run_scenario({"speed": 0.2}, scenario)
+    ended, _, _ = run_scenario({"speed": 0.2, **forgiving(0.2)}, scenario)
     assert ended.first == ""
     assert not seen["cancelled"].success
     assert seen["mode"] == OperatingMode.STOPPED

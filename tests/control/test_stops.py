@@ -17,7 +17,7 @@ from cabols_control.ros.stops import StopLatch, StopReceiver, StopSender
 from cabols_control.supervision.modes import Cause, OperatingMode
 from graph_harness import next_environment
 
-PATIENCE_S = 20.0
+PATIENCE_S = 100.0
 
 
 class Joined:

@@ -70,7 +70,7 @@ def test_a_plain_tool_receives_from_a_process_without_shared_memory(reach):
     talker = subprocess.Popen(command, env={**os.environ, **environment, RANGE: reach})
     try:
         # Some words are said after the reader was found.
-        watcher.wait(lambda: len(heard) > 10, "words", seconds=30.0)
+        watcher.wait(lambda: len(heard) > 10, "words")
     finally:
         talker.kill()
         talker.wait()

@@ -20,7 +20,7 @@ from cabols_sim.devices.ur.controller import UrController
 
 STIFFNESS = [966398.0, 731208.0, 317900.0, 13277.0, 7744.0, 2141.0]
 QUICK = RobotConfig(STIFFNESS, speed=0.25, joint_speed=3.0, joint_acceleration=50.0)
-PATIENCE_S = 20.0
+PATIENCE_S = 100.0
 
 
 def wait_until(condition, what: str) -> None:

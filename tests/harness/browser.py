@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import expect, sync_playwright
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 ARGUMENTS = (
@@ -24,6 +24,8 @@ ARGUMENTS = (
     "--disable-component-update",
     "--disable-sync",
 )
+PATIENCE_MS = 180_000.0
+"""Longest wait for a page or a browser: a busy machine takes its time."""
 SIZE = {"width": 1280, "height": 720}
 
 
@@ -51,8 +53,10 @@ def chromium(profile: Path) -> Iterator[Any]:
             args=list(ARGUMENTS),
             headless=True,
             viewport=SIZE,
+            timeout=PATIENCE_MS,
         )
-        browser.set_default_timeout(90_000)
+        browser.set_default_timeout(PATIENCE_MS)
+        expect.set_options(timeout=PATIENCE_MS)
         try:
             yield browser
         finally:

@@ -18,7 +18,7 @@ from cabols_control.rig_folder import rig_file
 TALL = {"width": 1280, "height": 720}
 SLOW = 0.1
 """A browser that draws in software shares the cores: the rig's time passes slowly."""
-PATIENCE_S, ASK_AGAIN_S = 90.0, 15.0
+PATIENCE_S, ASK_AGAIN_S = 180.0, 15.0
 LIVE = "window.cabolsFrames > 3"
 ZEROED = "[...document.querySelectorAll('[id^=\"z-\"]')].every(e => e.textContent === 'zero set')"
 

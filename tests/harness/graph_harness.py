@@ -22,6 +22,8 @@ from cabols_control.topics import Quality, topic_row
 from cabols_sim.bench.run import run_bench
 from dds_domains import next_domain
 
+PATIENCE_S = 180.0
+"""Longest wait for anything: it bounds a test that hangs, and judges no pace."""
 ASK_AGAIN_S = 10.0
 """A request without an answer went to a server that was not matched: it is sent again."""
 
@@ -102,7 +104,7 @@ class Watcher:
         self.wait(answered, f"the answer of {name}")
         return next(future for future in sent if future.done()).result()
 
-    def wait(self, condition: Callable[[], bool], what: str, seconds: float = 90.0) -> None:
+    def wait(self, condition: Callable[[], bool], what: str, seconds: float = PATIENCE_S) -> None:
         """Wait for a condition; fail with what was waited for.
 
         A condition that looks at the newest message of a topic that has said nothing yet does not

@@ -24,7 +24,7 @@ def run_child(samples):
         env={**os.environ, **next_environment()},
         capture_output=True,
         text=True,
-        timeout=100.0,
+        timeout=400.0,
         check=False,
     )
     assert ended.stdout.strip(), ended.stderr

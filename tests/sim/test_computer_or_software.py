@@ -173,7 +173,7 @@ def test_the_bare_timer_finds_a_computer_that_stands_still():
         timer.send_signal(signal.SIGCONT)
         time.sleep(0.1)
         timer.terminate()
-        content = json.loads(timer.communicate(timeout=30)[0])
+        content = json.loads(timer.communicate(timeout=300)[0])
     found = TimerRecord.from_mapping(content)
     assert missed(found, found.begin_ns, found.end_ns).worst_s > 0.2
 
@@ -208,7 +208,7 @@ def test_a_millisecond_in_the_limb_law_turns_the_demo_red(tmp_path):
         env={**os.environ, **next_environment()},
         capture_output=True,
         text=True,
-        timeout=400,
+        timeout=600,
         check=False,
     )
     assert done.returncode == 1, done.stdout + done.stderr

@@ -15,7 +15,7 @@ from cabols_control.bags.reader import read_bag
 from cabols_control.bringup.processes import executable_path
 from graph_harness import next_environment
 
-pytestmark = [pytest.mark.ros, pytest.mark.realtime]
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 
 
 # Slow motion: a stall of a busy machine must not trip the rig's watchdogs.
@@ -51,7 +51,7 @@ def test_ctrl_c_ends_everything_and_keeps_the_bag(
     assert len(nodes) == nodes_running, "".join(lines)
     assert timers
     demo.send_signal(signal.SIGINT)
-    rest = demo.communicate(timeout=90)[0]
+    rest = demo.communicate(timeout=300)[0]
     assert demo.returncode == 130, "".join(lines) + rest
     assert "motors at zero" in rest
     assert not [child for child in children if child.is_running()]

@@ -153,7 +153,7 @@ def test_a_trial_on_the_real_graph(tmp_path):
         env={**os.environ, **next_environment()},
         capture_output=True,
         text=True,
-        timeout=230,
+        timeout=600,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -69,7 +69,7 @@ def test_node_without_its_result_says_so(tmp_path):
         env={**os.environ, **next_environment()},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=False,
     )
     assert ended.returncode == 2

@@ -28,7 +28,7 @@ def commission(folder, *words):
         env={**os.environ, "PYTHONPATH": path, **next_environment()},
         capture_output=True,
         text=True,
-        timeout=110,
+        timeout=400,
         check=False,
     )
 

@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.writer import BagWriter
+from cabols_sim.bench.run import forgiving
 from graph_harness import run_scenario
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -132,7 +133,6 @@ def test_bag_to_arrays_reads_what_was_written(bag, monkeypatch, capsys):
 
 
 @pytest.mark.ros
-@pytest.mark.realtime
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_rig_client_drives_the_simulated_rig():
@@ -145,13 +145,13 @@ def test_rig_client_drives_the_simulated_rig():
             env={**os.environ, "ROS_DOMAIN_ID": domain},
             capture_output=True,
             text=True,
-            timeout=240,
+            timeout=600,
             check=False,
         )
         printed.append(done.stdout + done.stderr)
         assert done.returncode == 0, printed[0]
 
-    _, lines, _ = run_scenario({"speed": SPEED}, scenario, watched=("mode",))
+    _, lines, _ = run_scenario({"speed": SPEED, **forgiving(SPEED)}, scenario, watched=("mode",))
     assert printed, "\n".join(lines[-30:])
     assert "refused, as the limbs have no zero yet" in printed[0]
     assert printed[0].endswith("mode: STOPPED\n")

@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 from cabols_msgs.msg import Mode
 
+from cabols_sim.bench.run import forgiving
 from graph_harness import run_scenario
 
-pytestmark = [pytest.mark.ros, pytest.mark.realtime, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
 
-LOADED = {"auto_start": True, "program": "ramps", "speed": 0.2}
+LOADED = {"auto_start": True, "program": "ramps", "speed": 0.2, **forgiving(0.2)}
+"""Who ends, and how, is judged: a computer that stalls is not the subject here."""
 CONTROL_PATH = ("plant", "limb_controller", "wrench_controller", "supervisor")
 UNLOADED_N = 10.0
 
@@ -87,9 +89,7 @@ def test_crashed_console_ends_no_test():
         watcher.wait(lambda: len(watcher.seen["limb_state"]) > seen + 500, "limb states")
         assert watcher.modes()[-1] == Mode.LOADING
 
-    # A computer that stalls while it loads a program is not the subject here.
-    stalls = {"watchdog": 0.1, "command_timeout": 0.1, "state_timeout": 2.0}
-    run_scenario({**LOADED, **stalls, "console": True, "console_port": 0}, scenario)
+    run_scenario({**LOADED, "console": True, "console_port": 0}, scenario)
 
 
 @pytest.mark.long

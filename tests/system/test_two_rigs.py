@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cabols_msgs.msg import Mode
 
@@ -19,6 +20,8 @@ from graph_harness import next_environment, run_scenario
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
 
+STEPS = 2400
+"""Samples of the lockstep runs: of the programme the first step and what follows it."""
 PACE = {"speed": 0.1, **forgiving(0.1)}
 CHILD = """
 import json, os, sys
@@ -46,30 +49,62 @@ def outcome(process):
 
 
 def lockstep(bag, seed, **more):
-    run = {"lockstep": True, "steps": 1200, "auto_start": True, "program": "multi_axis"}
+    run = {"lockstep": True, "steps": STEPS, "auto_start": True, "program": "multi_axis"}
     return {**run, "seed": seed, "output": str(bag), **more}
 
 
-def test_each_of_two_rigs_runs_as_if_it_were_alone(tmp_path):
-    """In lockstep, where one message of the other rig would change the bytes of the bag."""
-    together = next_environment()
+@pytest.fixture(scope="module")
+def lockstep_bags(tmp_path_factory):
+    """Two rigs beside each other in one domain, and the same rigs each in a domain of its own."""
+    folder, together = tmp_path_factory.mktemp("lockstep"), next_environment()
     seeds = {"rig1": 4, "rig2": 5}
-    running = [
-        start(together, **lockstep(tmp_path / name, seed, namespace=f"/{name}"))
-        for name, seed in seeds.items()
-    ]
-    for process in running:
-        found, said = outcome(process)
-        assert (found["first"], found["code"]) == ("plant", 0), said
-    alone = {name: tmp_path / f"{name}_alone" for name in seeds}
-    running = [start(next_environment(), **lockstep(alone[n], seeds[n])) for n in seeds]
-    for process in running:
-        found, said = outcome(process)
-        assert (found["first"], found["code"]) == ("plant", 0), said
-    for name in seeds:
-        assert payload_digest(tmp_path / name) == payload_digest(alone[name])
-        assert read_bag(tmp_path / name).metadata["namespace"] == f"/{name}"
-    assert payload_digest(tmp_path / "rig1") != payload_digest(tmp_path / "rig2")
+    for place in ("together", "alone"):
+        (folder / place).mkdir()
+        running = [
+            start(together, **lockstep(folder / place / name, seed, namespace=f"/{name}"))
+            if place == "together"
+            else start(next_environment(), **lockstep(folder / place / name, seed))
+            for name, seed in seeds.items()
+        ]
+        for process in running:
+            found, said = outcome(process)
+            assert (found["first"], found["code"]) == ("plant", 0), said
+    return {
+        (place, name): folder / place / name for place in ("together", "alone") for name in seeds
+    }
+
+
+def test_each_of_two_rigs_runs_as_if_it_were_alone(lockstep_bags):
+    """In lockstep, where one message of the other rig would change the bytes of the bag."""
+    for name in ("rig1", "rig2"):
+        together, alone = lockstep_bags["together", name], lockstep_bags["alone", name]
+        assert payload_digest(together) == payload_digest(alone)
+        assert read_bag(together).metadata["namespace"] == f"/{name}"
+    first, second = (lockstep_bags["together", name] for name in ("rig1", "rig2"))
+    assert payload_digest(first) != payload_digest(second)
+
+
+def test_lockstep_same_seed_same_bytes(lockstep_bags):
+    runs = (("alone", "rig1"), ("together", "rig1"), ("alone", "rig2"))
+    first, second, other = (payload_digest(lockstep_bags[run]) for run in runs)
+    assert first == second
+    assert first["wrench"] != other["wrench"]
+
+
+def test_lockstep_loses_nothing_and_loads(lockstep_bags):
+    bag = read_bag(lockstep_bags["alone", "rig1"])
+    state, current, command = bag["limb_state"], bag["motor_current"], bag["tension_command"]
+    np.testing.assert_array_equal(state["sequence"], np.arange(1, STEPS + 1))
+    np.testing.assert_array_equal(current["sequence"], np.arange(1, STEPS + 1))
+    np.testing.assert_array_equal(command["sequence"], np.arange(1, STEPS + 1))
+    np.testing.assert_array_equal(current["tension_sequence"], np.arange(1, STEPS + 1))
+    assert Mode.LOADING in bag["mode"]["mode"]
+    loaded = command["active"].astype(bool)
+    assert loaded.sum() > 500
+    # The first step of the programme, fx = 40 N at 1 s, is on its way.
+    assert command["desired"][-1, 0] == pytest.approx(40.0) or loaded.sum() < 1000
+    assert np.abs(current["current"]).max() <= 3.0
+    assert state["tension"][loaded].min() > 0.5
 
 
 def test_a_second_rig_in_the_same_namespace_is_refused_and_disturbs_nothing():
