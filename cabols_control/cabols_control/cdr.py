@@ -72,7 +72,12 @@ class Content(Protocol):
 
 
 def align(offset: int, size: int) -> int:
-    """Return the next multiple of size, counted from the end of the 4-byte CDR header."""
+    """Return the next multiple of size, counted from the end of the 4-byte CDR header.
+
+    Args:
+        offset: in the message, its header not counted [bytes].
+        size: of the value that is aligned [bytes].
+    """
     return HEADER_SIZE - (HEADER_SIZE - offset) // size * size
 
 
@@ -168,5 +173,12 @@ class Places:
 
 
 def record_type(names: list[str], formats: list[Any], offsets: list[int], size: int) -> Any:
-    """Return numpy's type of a record of `size` bytes with these fields."""
+    """Return numpy's type of a record of `size` bytes with these fields.
+
+    Args:
+        names: of the fields.
+        formats: numpy's format of each.
+        offsets: of each from the record's start [bytes].
+        size: of the whole record [bytes].
+    """
     return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})

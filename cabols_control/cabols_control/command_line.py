@@ -99,7 +99,12 @@ def _rig(text: str) -> str:
 
 
 def unknown_options(unknown: Sequence[str], known: Sequence[str]) -> str:
-    """Return the unknown words with suggestions."""
+    """Return the unknown words with suggestions.
+
+    Args:
+        unknown: words that the parser did not take.
+        known: options that it has.
+    """
     said = []
     for word in unknown:
         name = word.partition("=")[0]
@@ -121,7 +126,12 @@ def existing_path(text: str) -> Path:
 
 
 def did_you_mean(word: str, known: Sequence[str]) -> str:
-    """Return ` (did you mean ...?)`, or nothing if nothing known is like the word."""
+    """Return ` (did you mean ...?)`, or nothing if nothing known is like the word.
+
+    Args:
+        word: that nobody knows.
+        known: words that exist.
+    """
     close = difflib.get_close_matches(word, known, n=1)
     return f" (did you mean {close[0]}?)" if close else ""
 
@@ -163,7 +173,12 @@ def interrupt_once() -> None:
 
 
 def fail(text: str, code: int) -> int:
-    """Print an error on one line and return the exit code."""
+    """Print an error on one line and return the exit code.
+
+    Args:
+        text: what was expected, what came, what to do.
+        code: exit code to return.
+    """
     print(f"error: {' '.join(text.split())}", file=sys.stderr, flush=True)
     return code
 

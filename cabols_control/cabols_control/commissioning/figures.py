@@ -103,7 +103,12 @@ def draw_limb(
 
 
 def draw_overview(rig: Rig, results: Mapping[int, LimbResult]) -> Figure:
-    """Identified beside configured values of all limbs."""
+    """Identified beside configured values of all limbs.
+
+    Args:
+        rig: with the configured values.
+        results: identified, by the limb's index from 0.
+    """
     figure = Figure(figsize=(11.0, 3.8), layout="constrained")
     panels = figure.subplots(1, 3)
     limbs = range(len(rig.limbs.gain))
@@ -127,7 +132,12 @@ def draw_overview(rig: Rig, results: Mapping[int, LimbResult]) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG; return its path."""
+    """Write a figure as PNG; return its path.
+
+    Args:
+        figure: to be written.
+        path: of the PNG.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=DPI)
     return path

@@ -180,6 +180,10 @@ def commissioned_rig(rig: Rig, results: Mapping[int, LimbResult]) -> Rig:
 
     Where the configuration has one k_e for all limbs (thesis section 3.4.1), it is the mean of
     those identified; where it has one for each, each limb gets its own.
+
+    Args:
+        rig: as configured.
+        results: identified, by the limb's index from 0.
     """
     gain, constant = list(rig.limbs.gain), list(rig.limbs.time_constant)
     for limb, result in results.items():
@@ -261,7 +265,12 @@ def _gains_text(rig: Rig) -> str:
 
 
 def table(rig: Rig, results: Mapping[int, LimbResult]) -> str:
-    """Return identified values beside the configured ones, as text."""
+    """Return identified values beside the configured ones, as text.
+
+    Args:
+        rig: with the configured values.
+        results: identified, by the limb's index from 0.
+    """
     lines = [
         "limb   k [m/s/A]  configured    T [s]  configured    fit [%]  k_e [N/m]  configured"
         "   fit [%]"

@@ -157,7 +157,13 @@ class Lease:
         return self.holder is not None and self._alive(self.holder.page)
 
     def take(self, page: str, identity: str, name: str) -> str:
-        """Take command; returns why not, empty if it was granted."""
+        """Take command; returns why not, empty if it was granted.
+
+        Args:
+            page: identity of the page that asks.
+            identity: of the tab, which a page that is loaded again keeps.
+            name: of the operator.
+        """
         holder = self.holder
         if holder is not None and holder.page != page and self._alive(holder.page):
             return f"{holder.name} is in command: let them release it first"
@@ -165,7 +171,13 @@ class Lease:
         return ""
 
     def adopt(self, page: str, identity: str, name: str) -> bool:
-        """Give command to a page that replaces the lost one in the same tab: loaded again."""
+        """Give command to a page that replaces the lost one in the same tab: loaded again.
+
+        Args:
+            page: identity of the page that asks.
+            identity: of the tab, which a page that is loaded again keeps.
+            name: of the operator.
+        """
         holder = self.holder
         if holder is None or holder.identity != identity or self._alive(holder.page):
             return False

@@ -24,7 +24,12 @@ class Report:
 
 
 def finished(root: Path, most: int = 50) -> list[Report]:
-    """Reports in the folders of a root, newest first."""
+    """Reports in the folders of a root, newest first.
+
+    Args:
+        root: folder of campaigns.
+        most: number of reports that are returned.
+    """
     found = [_report(path) for path in root.glob(f"*/{REPORT}")]
     return sorted(filter(None, found), key=lambda report: -report.changed_s)[:most]
 

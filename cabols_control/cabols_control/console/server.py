@@ -49,6 +49,10 @@ STATIC = Path(str(files("cabols_control") / "console" / "static"))
 def open_socket(host: str, port: int) -> socket.socket:
     """Bind the console's address.
 
+    Args:
+        host: address or name to serve at.
+        port: TCP port; 0: a free one.
+
     Raises:
         ConfigError: if it is taken, or not this machine's.
     """

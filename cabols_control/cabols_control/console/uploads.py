@@ -53,6 +53,10 @@ def safe_stem(name: str) -> str:
 def check_upload(name: str, content: bytes) -> tuple[str, LoadProgram]:
     """Read an uploaded programme.
 
+    Args:
+        name: of the file as the browser gives it.
+        content: its bytes.
+
     Returns:
         Its safe stem and the programme.
 
@@ -80,6 +84,11 @@ def check_upload(name: str, content: bytes) -> tuple[str, LoadProgram]:
 
 def keep_upload(folder: Path, name: str, content: bytes) -> Upload:
     """Check an uploaded programme and write it; one of the same name is replaced.
+
+    Args:
+        folder: of the uploaded programmes.
+        name: of the file as the browser gives it.
+        content: its bytes.
 
     Raises:
         UploadError: as check_upload, or if the folder is full or cannot be written.

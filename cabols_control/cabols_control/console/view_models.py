@@ -222,12 +222,22 @@ def _beam(measured: Measured | None) -> tuple[str, str, str]:
 
 
 def rounded(value: float, digits: int) -> float | None:
-    """A number for JSON: rounded, None if it is not finite."""
+    """A number for JSON: rounded, None if it is not finite.
+
+    Args:
+        value: any number.
+        digits: after the decimal point.
+    """
     return round(float(value), digits) if math.isfinite(value) else None
 
 
 def numbers(values: Any, digits: int) -> list[float | None]:
-    """Numbers for JSON."""
+    """Numbers for JSON.
+
+    Args:
+        values: any sequence of numbers.
+        digits: after the decimal point.
+    """
     return [rounded(value, digits) for value in values]
 
 

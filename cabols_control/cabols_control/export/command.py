@@ -86,7 +86,14 @@ def learn_tables(bag: Path, topics: Sequence[str], progress: Progress) -> dict[s
 def write_tables(
     bag: Path, tables: dict[str, Table], writers: dict[str, TableWriter], progress: Progress
 ) -> list[Path]:
-    """Read a bag again and write each topic's table; return the files."""
+    """Read a bag again and write each topic's table; return the files.
+
+    Args:
+        bag: folder of the bag.
+        tables: to be written, by topic.
+        writers: of the files, by topic.
+        progress: told what has been written.
+    """
     for batch in batches(bag, list(tables), SIZE, timed=True):
         for topic, columns in batch.items():
             writers[topic].write(tables[topic].values(columns))
@@ -97,7 +104,13 @@ def write_tables(
 def read_tables(
     bag: Path, tables: dict[str, Table], progress: Progress
 ) -> dict[str, dict[str, Values | list[str]]]:
-    """Read whole tables into memory, sorted by time."""
+    """Read whole tables into memory, sorted by time.
+
+    Args:
+        bag: folder of the bag.
+        tables: to be read, by topic.
+        progress: told what has been read.
+    """
     parts: dict[str, list[dict[str, Values | list[str]]]] = {topic: [] for topic in tables}
     for batch in batches(bag, list(tables), SIZE, timed=True):
         for topic, columns in batch.items():
@@ -134,6 +147,10 @@ def times_of(values: dict[str, Values | list[str]]) -> IntArray:
 def time_base(text: str, data: dict[str, dict[str, Values | list[str]]]) -> IntArray:
     """Return the instants of `--time-base`: a topic's, or those of a rate in Hz [ns].
 
+    Args:
+        text: a topic's name, or a rate in Hz.
+        data: values of each topic by column, sorted by time.
+
     Raises:
         TimeBaseError: if it is neither.
     """
@@ -157,6 +174,12 @@ def joined(
     method: str,
 ) -> tuple[list[TableColumn], dict[str, Values | list[str]]]:
     """Put all topics on one time base, columns named by their topic.
+
+    Args:
+        tables: of the topics, by name.
+        data: values of each topic by column, sorted by time.
+        instants_ns: (k,) common time base [ns].
+        method: how numbers are carried over to it: one of time_base.METHODS.
 
     Returns:
         The columns, and their values.

@@ -20,6 +20,11 @@ class TimeBaseError(CabolsError):
 def regular(first_ns: int, last_ns: int, rate_hz: float) -> IntArray:
     """Return instants at a rate, from the first to at most the last [ns].
 
+    Args:
+        first_ns: earliest instant [ns].
+        last_ns: latest instant [ns].
+        rate_hz: of the instants between them [Hz].
+
     Raises:
         TimeBaseError: if the rate is not positive.
     """
@@ -88,5 +93,11 @@ def linear(
 
 
 def texts(values: list[str], rows: IntArray, there: BoolArray) -> list[str]:
-    """Return texts held from message to message; empty before the first."""
+    """Return texts held from message to message; empty before the first.
+
+    Args:
+        values: one for each message.
+        rows: (k,) message that holds at each instant.
+        there: (k,) whether there was one by then.
+    """
     return [values[row] if known else "" for row, known in zip(rows.tolist(), there, strict=True)]

@@ -115,5 +115,10 @@ def column_name(type_name: str, field: str) -> tuple[str, str]:
 
 
 def with_unit(name: str, unit: str) -> str:
-    """Return a column's whole name: `tension_0`, `n` is `tension_0_n`."""
+    """Return a column's whole name: `tension_0`, `n` is `tension_0_n`.
+
+    Args:
+        name: of the column.
+        unit: short name of its unit; empty: none.
+    """
     return f"{name}_{unit}" if unit and unit != WRENCH else name

@@ -38,6 +38,10 @@ class TableWriter(Protocol):
 def library(name: str, install: str) -> Any:
     """Import a library that only one format needs.
 
+    Args:
+        name: of the module.
+        install: what pip is told to install.
+
     Raises:
         MissingLibraryError: saying how to install it.
     """
@@ -56,7 +60,12 @@ def flat_names(columns: Sequence[TableColumn]) -> list[str]:
 
 
 def flat_values(columns: Sequence[TableColumn], batch: Batch) -> list[Any]:
-    """Return a batch column by column, in the order of flat_names."""
+    """Return a batch column by column, in the order of flat_names.
+
+    Args:
+        columns: of the table.
+        batch: some messages of the topic.
+    """
     found: list[Any] = []
     for column in columns:
         values = batch[column.name]

@@ -139,7 +139,15 @@ def output_folder(
     shared: bool = False,
     say: Callable[[str], object] | None = None,
 ) -> Iterator[OutputFolder]:
-    """Claim a folder and release it; see `claim`. `say` gets a line for what was moved aside."""
+    """Claim a folder and release it; see `claim`. `say` gets a line for what was moved aside.
+
+    Args:
+        path: of the folder; made where it is missing.
+        command: that writes into it, for its marker.
+        keep: whether what an earlier run of a command left there stays.
+        shared: whether other commands may write into it, too.
+        say: gets a line for what was moved aside.
+    """
     folder = claim(path, command, keep, shared)
     if folder.said:
         (say or _print)(folder.said)

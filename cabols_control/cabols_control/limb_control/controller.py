@@ -141,6 +141,11 @@ class LimbController:
     ) -> FloatArray:
         """Answer one limb state that is given as arrays; see `answer`.
 
+        Args:
+            sample: newest state of the m limbs that this controller serves.
+            mode: that the supervisor grants.
+            setpoint: tensions to hold [N]; None: none has come.
+
         Returns:
             (m,) current [A]. The same array at every call.
         """

@@ -58,7 +58,12 @@ class Part:
 
 
 def times(bag: Bag, series: Series) -> FloatArray:
-    """Return a topic's times from the start of the recording [s]."""
+    """Return a topic's times from the start of the recording [s].
+
+    Args:
+        bag: that was recorded.
+        series: of one of its topics.
+    """
     if series.stamp.size:
         return series.stamp
     first = min(int(each.log_time_ns.min()) for each in bag.topics.values() if len(each))
@@ -66,7 +71,12 @@ def times(bag: Bag, series: Series) -> FloatArray:
 
 
 def table(series: Series, field: str) -> FloatArray:
-    """Return a field as (k, n) numbers; shorter rows end in NaN."""
+    """Return a field as (k, n) numbers; shorter rows end in NaN.
+
+    Args:
+        series: of a topic.
+        field: with a list in each message.
+    """
     values = series[field]
     if isinstance(values, np.ndarray):
         return np.asarray(values.reshape(len(values), -1), np.float64)
@@ -77,7 +87,12 @@ def table(series: Series, field: str) -> FloatArray:
 
 
 def by_limb(series: Series, field: str) -> FloatArray:
-    """Return a field as (k, n) numbers, each in its limb's column; nodes may serve subsets."""
+    """Return a field as (k, n) numbers, each in its limb's column; nodes may serve subsets.
+
+    Args:
+        series: of a topic whose messages name their limbs.
+        field: with a value for each of them.
+    """
     limbs, values = table(series, "limb"), table(series, field)
     known = limbs[np.isfinite(limbs)]
     found = np.full((len(series), int(known.max()) + 1 if known.size else 0), np.nan)
@@ -115,7 +130,12 @@ def _tension_scale(axes: Axes) -> None:
 
 
 def draw_modes(bag: Bag, rig: Rig) -> Figure:
-    """Draw the operating modes as bands."""
+    """Draw the operating modes as bands.
+
+    Args:
+        bag: with mode.
+        rig: not used; all parts are drawn alike.
+    """
     del rig
     series = bag["mode"]
     time = times(bag, series)
@@ -145,7 +165,12 @@ def draw_modes(bag: Bag, rig: Rig) -> Figure:
 
 
 def draw_tensions(bag: Bag, rig: Rig) -> Figure:
-    """Draw the estimated cable tensions with their limits."""
+    """Draw the estimated cable tensions with their limits.
+
+    Args:
+        bag: with limb_state.
+        rig: whose limits are drawn.
+    """
     series = bag["limb_state"]
     figure, axes = _one(times(bag, series), by_limb(series, "tension"), "cable tension [N]")
     limit_line(axes, rig.control.tension_max, f"limit {rig.control.tension_max:g} N")
@@ -155,7 +180,12 @@ def draw_tensions(bag: Bag, rig: Rig) -> Figure:
 
 
 def draw_commands(bag: Bag, rig: Rig) -> Figure:
-    """Draw the setpoints of the tensions with their limits."""
+    """Draw the setpoints of the tensions with their limits.
+
+    Args:
+        bag: with tension_command.
+        rig: whose limits are drawn.
+    """
     series = bag["tension_command"]
     label = "setpoint of the tension [N]"
     figure, axes = _one(times(bag, series), by_limb(series, "tension"), label)
@@ -166,7 +196,12 @@ def draw_commands(bag: Bag, rig: Rig) -> Figure:
 
 
 def draw_currents(bag: Bag, rig: Rig) -> Figure:
-    """Draw the motor currents with their limits."""
+    """Draw the motor currents with their limits.
+
+    Args:
+        bag: with motor_current or limb_state.
+        rig: whose limits are drawn.
+    """
     series = bag["motor_current"]
     figure, axes = _one(times(bag, series), by_limb(series, "current"), "motor current [A]")
     limit = rig.control.current_limit
@@ -176,7 +211,12 @@ def draw_currents(bag: Bag, rig: Rig) -> Figure:
 
 
 def draw_wrench(bag: Bag, rig: Rig) -> Figure:
-    """Draw the measured wrench, and what was asked for, in the frame in which it was asked for."""
+    """Draw the measured wrench, and what was asked for, in the frame in which it was asked for.
+
+    Args:
+        bag: with wrench, and what was asked for as far as it is recorded.
+        rig: not used; all parts are drawn alike.
+    """
     del rig
     figure = new_figure(11.0, 8.0)
     panels = figure.subplots(3, 2, sharex=True).T.ravel()
@@ -221,7 +261,12 @@ def _felt(bag: Bag, asked: str) -> tuple[FloatArray, str]:
 
 
 def draw_pose(bag: Bag, rig: Rig) -> Figure:
-    """Draw how far the platform moved and turned from its first pose."""
+    """Draw how far the platform moved and turned from its first pose.
+
+    Args:
+        bag: with platform_pose.
+        rig: not used; all parts are drawn alike.
+    """
     del rig
     series = bag["platform_pose"]
     time = times(bag, series)
@@ -239,7 +284,12 @@ def draw_pose(bag: Bag, rig: Rig) -> Figure:
 
 
 def draw_joints(bag: Bag, rig: Rig) -> Figure:
-    """Draw how far the robot's joints moved from their first angles."""
+    """Draw how far the robot's joints moved from their first angles.
+
+    Args:
+        bag: with joint_states.
+        rig: not used; all parts are drawn alike.
+    """
     del rig
     series = bag["joint_states"]
     angles = np.degrees(table(series, "position"))

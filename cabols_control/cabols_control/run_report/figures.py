@@ -79,7 +79,13 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def tidy(axes: Axes, ylabel: str = "", xlabel: str = "") -> None:
-    """Set grid and labels; remove the upper and right frame."""
+    """Set grid and labels; remove the upper and right frame.
+
+    Args:
+        axes: to be changed.
+        ylabel: quantity and unit.
+        xlabel: quantity and unit.
+    """
     axes.grid(visible=True, color="#dddddd", linewidth=0.7)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
@@ -166,7 +172,12 @@ def _draw_limbs(axes: Axes, run: BenchRun, values: FloatArray, ylabel: str) -> N
 
 
 def tension_ticks(low: float, high: float) -> list[float]:
-    """Round numbers from the least to the highest tension [N], for a logarithmic axis."""
+    """Round numbers from the least to the highest tension [N], for a logarithmic axis.
+
+    Args:
+        low: least tension of the axis [N].
+        high: largest tension of the axis [N].
+    """
     decades = [scale * 10.0**power for power in range(-1, 4) for scale in (1.0, 2.0, 5.0)]
     return [tick for tick in decades if 0.99 * low <= tick <= 1.01 * high]
 
@@ -193,7 +204,12 @@ def _draw_currents(axes: Axes, run: BenchRun, summary: Mapping[str, Any]) -> Non
 
 
 def draw_tensions(run: BenchRun, summary: Mapping[str, Any]) -> Figure:
-    """Tension estimates between their limits, as figure 3.12."""
+    """Tension estimates between their limits, as figure 3.12.
+
+    Args:
+        run: that was recorded.
+        summary: its figures of merit, see figures_of_merit.summarise.
+    """
     figure = new_figure(11.0, 4.2)
     axes = figure.subplots()
     _draw_tensions(axes, run, summary)
@@ -211,7 +227,12 @@ def draw_tension_errors(run: BenchRun) -> Figure:
 
 
 def draw_currents(run: BenchRun, summary: Mapping[str, Any]) -> Figure:
-    """Motor currents between their limits, as figure 3.16."""
+    """Motor currents between their limits, as figure 3.16.
+
+    Args:
+        run: that was recorded.
+        summary: its figures of merit, see figures_of_merit.summarise.
+    """
     figure = new_figure(11.0, 4.2)
     axes = figure.subplots()
     _draw_currents(axes, run, summary)
@@ -220,7 +241,12 @@ def draw_currents(run: BenchRun, summary: Mapping[str, Any]) -> Figure:
 
 
 def draw_overview(run: BenchRun, summary: Mapping[str, Any]) -> Figure:
-    """Wrench, tensions and currents in one picture, legible at half its size."""
+    """Wrench, tensions and currents in one picture, legible at half its size.
+
+    Args:
+        run: that was recorded.
+        summary: its figures of merit, see figures_of_merit.summarise.
+    """
     figure = new_figure(12.0, 9.6)
     grid = figure.subplots(4, 3, height_ratios=(1.0, 1.0, 1.05, 1.05))
     panels = [*grid[0], *grid[1]]

@@ -19,12 +19,22 @@ first samples may belong to the mode before."""
 
 
 def phases(run: BenchRun, mode: OperatingMode) -> tuple[ModeInterval, ...]:
-    """Return the intervals of one mode."""
+    """Return the intervals of one mode.
+
+    Args:
+        run: that was recorded.
+        mode: whose intervals are asked for.
+    """
     return tuple(interval for interval in run.modes if interval.mode == mode)
 
 
 def samples_in(run: BenchRun, intervals: tuple[ModeInterval, ...]) -> BoolArray:
-    """Return (k,) whether a sample is in one of the intervals."""
+    """Return (k,) whether a sample is in one of the intervals.
+
+    Args:
+        run: that was recorded, with k samples.
+        intervals: from begin to end, both included.
+    """
     inside = np.zeros(run.time.size, dtype=np.bool_)
     for interval in intervals:
         inside |= (run.time >= interval.start) & (run.time < interval.end)

@@ -51,7 +51,13 @@ def session_panels(figure: Figure) -> list[Axes]:
 
 
 def draw_bands(panels: list[Axes], run: BenchRun, start: float) -> None:
-    """Colour the modes' times in all panels and name them in the first; start becomes 0 [s]."""
+    """Colour the modes' times in all panels and name them in the first; start becomes 0 [s].
+
+    Args:
+        panels: one above the other.
+        run: that was recorded.
+        start: instant of the recording that becomes 0 [s].
+    """
     length = float(run.time[-1]) - start
     strip = panels[0]
     strip.set_yticks([])
@@ -82,7 +88,14 @@ def draw_bands(panels: list[Axes], run: BenchRun, start: float) -> None:
 
 
 def draw_motion(joints: Axes, speed: Axes, motion: RecordedMotion, start: float) -> None:
-    """Draw the joints' change, the platform's speed, the tracker's measurements."""
+    """Draw the joints' change, the platform's speed, the tracker's measurements.
+
+    Args:
+        joints: panel of the joints.
+        speed: panel of the platform's speed.
+        motion: of the robot and the tracker, as recorded.
+        start: instant of the recording that becomes 0 [s].
+    """
     if motion.joint_time.size:
         change = np.degrees(motion.joints - motion.joints[0])
         for joint in range(change.shape[1]):
@@ -107,7 +120,14 @@ def draw_motion(joints: Axes, speed: Axes, motion: RecordedMotion, start: float)
 
 
 def free_limit(axes: Axes, run: BenchRun, start: float, colour: str) -> None:
-    """Draw the limit of 15 N during free-moving, where it holds."""
+    """Draw the limit of 15 N during free-moving, where it holds.
+
+    Args:
+        axes: panel of the tensions.
+        run: that was recorded.
+        start: instant of the recording that becomes 0 [s].
+        colour: of the line.
+    """
     intervals = phases(run, OperatingMode.FREE_MOVING)
     for interval in intervals:
         axes.hlines(
@@ -130,7 +150,13 @@ def free_limit(axes: Axes, run: BenchRun, start: float, colour: str) -> None:
 
 
 def finish(panels: list[Axes], run: BenchRun, start: float) -> Any:
-    """Set the properties of all panels."""
+    """Set the properties of all panels.
+
+    Args:
+        panels: one above the other.
+        run: that was recorded.
+        start: instant of the recording that becomes 0 [s].
+    """
     for axes in panels:
         axes.yaxis.label.set_fontsize(LABEL)
         axes.tick_params(labelsize=TICKS)

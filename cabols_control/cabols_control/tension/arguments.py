@@ -26,6 +26,11 @@ def check_limits(
 ) -> tuple[FloatArray, FloatArray]:
     """Return both limits as (n,) arrays [N].
 
+    Args:
+        n: number of cables.
+        tension_min: least tension [N], one or (n,).
+        tension_max: largest tension [N], one or (n,).
+
     Raises:
         ShapeError: if one is neither a number nor (n,), or not finite.
         CabolsError: if a lower limit is above its upper limit.
@@ -94,7 +99,13 @@ def refuse_wrench(wrench: ArrayLike) -> NoReturn:
 
 
 def refuse_output(wrench: FloatArray, tension: FloatArray, n: int) -> NoReturn:
-    """Say what is wrong with a wrench or an output array."""
+    """Say what is wrong with a wrench or an output array.
+
+    Args:
+        wrench: that was given, (6,) is right.
+        tension: array for the result, (n,) is right.
+        n: number of cables.
+    """
     if tension.shape != (n,):
         raise ShapeError(f"tension: expected shape ({n},), got {tension.shape}; one per cable")
     refuse_wrench(wrench)
@@ -103,7 +114,13 @@ def refuse_output(wrench: FloatArray, tension: FloatArray, n: int) -> NoReturn:
 def batch_outputs(
     out: tuple[FloatArray, IntArray] | None, count: int, n: int
 ) -> tuple[FloatArray, IntArray]:
-    """Return the caller's arrays, checked, or new ones."""
+    """Return the caller's arrays, checked, or new ones.
+
+    Args:
+        out: (k, n) tensions [N] and (k,) status to be filled; None: new arrays.
+        count: k, number of wrenches.
+        n: number of cables.
+    """
     if out is None:
         return np.empty((count, n)), np.empty(count, dtype=np.int64)
     tensions, status = out
@@ -144,7 +161,14 @@ def output_row(tension: FloatArray, n: int) -> FloatArray:
 def batch_rows(
     name: str, value: ArrayLike, row: tuple[int, ...], count: int | None = None
 ) -> FloatArray:
-    """Return value as a C-contiguous (k, *row) array; it need not be finite."""
+    """Return value as a C-contiguous (k, *row) array; it need not be finite.
+
+    Args:
+        name: of the argument, for messages.
+        value: of the caller, of any form that numpy takes.
+        row: shape of one entry.
+        count: k that is expected; None: any.
+    """
     try:
         array = plain_array(value)
     except (TypeError, ValueError, OverflowError) as error:

@@ -277,6 +277,12 @@ class RigTensionResolver:
     ) -> bool:
         """Tensions for one wrench at one pose into an array; fastest for float64 arrays, see solve.
 
+        Args:
+            position: (3,) of the platform in the base frame [m].
+            rotation: (3, 3) from platform to base axes.
+            wrench: (6,) on the platform [N, N m].
+            tension: (n,) to be filled [N].
+
         Returns:
             True if feasible; otherwise the tensions are those of the nearest feasible wrench.
 
@@ -308,6 +314,12 @@ class RigTensionResolver:
         out: tuple[FloatArray, IntArray] | None = None,
     ) -> tuple[FloatArray, IntArray]:
         """One wrench at each of many poses: (k, 3) [m], (k, 3, 3), (k, 6) [N], [N m].
+
+        Args:
+            positions: (k, 3) of the platform in the base frame [m].
+            rotations: (k, 3, 3) from platform to base axes.
+            wrenches: (k, 6) on the platform [N, N m].
+            out: (k, n) tensions [N] and (k,) status to be filled; None: new arrays.
 
         Returns:
             (k, n) tensions [N] and (k,) status as `TensionResolver.solve_batch`; 2 also where a

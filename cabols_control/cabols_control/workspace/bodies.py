@@ -117,7 +117,12 @@ class InterferenceTask(NamedTuple):
 
 
 def interference_task(geometry: RigGeometry, bodies: Bodies) -> InterferenceTask:
-    """Arrays for the compiled test; pairs that share an attachment point are found here."""
+    """Arrays for the compiled test; pairs that share an attachment point are found here.
+
+    Args:
+        geometry: of the rig.
+        bodies: capsules that cables must not touch, and their clearance.
+    """
     base, platform = np.array(geometry.base_points), np.array(geometry.platform_points)
     shared = np.full((geometry.cables, geometry.cables), NO_PAIR, dtype=np.int64)
     for points, kind in ((platform, SHARE_PLATFORM), (base, SHARE_BASE)):

@@ -118,6 +118,13 @@ def box_grid(
 ) -> PoseGrid:
     """Return a grid of `counts` positions over centre +- half_widths, both (3,) [m].
 
+    Args:
+        centre: (3,) of the box in the base frame [m].
+        half_widths: (3,) along the axes [m].
+        counts: positions along each axis.
+        angles_deg: (o, 3) rotations about x, y and z of the platform [deg], one after the other.
+        rotation: (3, 3) of the platform that the angles start from.
+
     Raises:
         ShapeError: if an argument has another shape or is not finite.
         CabolsError: if a count is below 1 or a half width is not positive.
@@ -154,7 +161,14 @@ def evaluate_piece(
     positions: FloatArray,
     rotations: FloatArray,
 ) -> Piece:
-    """Evaluate (k, 3) positions, each with all (o, 3, 3) rotations; one core."""
+    """Evaluate (k, 3) positions, each with all (o, 3, 3) rotations; one core.
+
+    Args:
+        task: wrenches that are required, and limits.
+        bodies: what must not be touched; None: clearances are not computed.
+        positions: (k, 3) in the base frame [m].
+        rotations: (o, 3, 3) from platform to base axes.
+    """
     shape = (positions.shape[0], rotations.shape[0])
     capacity, clearance = np.empty((*shape, RESULTS)), np.full((*shape, 3), np.inf)
     evaluate_poses(task, positions, rotations, capacity)
@@ -281,7 +295,13 @@ class WorkspaceMap:
 
 
 def assemble(grid: PoseGrid, pieces: list[Piece], free_above: float = 0.0) -> WorkspaceMap:
-    """Join the pieces of a grid in order."""
+    """Join the pieces of a grid in order.
+
+    Args:
+        grid: that was divided.
+        pieces: its results, in order.
+        free_above: clearance from which a pose counts as free [m].
+    """
     shape = (*grid.shape, grid.angles_deg.shape[0])
     capacity = np.concatenate([piece.capacity for piece in pieces]).reshape(*shape, RESULTS)
     clearance = np.concatenate([piece.clearance for piece in pieces]).reshape(*shape, 3)

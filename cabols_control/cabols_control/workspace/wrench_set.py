@@ -96,6 +96,10 @@ def wrench_box(
 def wrench_zonotope(generators: ArrayLike, centre: ArrayLike) -> WrenchSet:
     """Zonotope: centre plus the segments [-g, g] of generators (p, m) [N, N m].
 
+    Args:
+        generators: (p, m) half axes [N, N m].
+        centre: (m,) of the set [N, N m].
+
     Raises:
         ShapeError: if an argument has another shape or is not finite.
     """

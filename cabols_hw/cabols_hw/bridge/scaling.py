@@ -204,6 +204,15 @@ def volts_into(
 
     A current is limited to +-limit, and grows in size by at most growth [A] over what it was
     before (n,); it falls, as far as zero, at once. Volts are limited to +-reach. NaN becomes 0.
+
+    Args:
+        current: (n,) that is asked for [A].
+        limit: largest magnitude of a current [A].
+        before: (n,) currents of the cycle before [A].
+        growth: most that a magnitude may grow by in a cycle [A].
+        amperes_per_volt: gain of the amplifiers [A/V].
+        reach: largest magnitude of the card's output [V].
+        volts: (n,) to be filled [V].
     """
     for i in range(current.shape[0]):
         setpoint = current[i] if np.isfinite(current[i]) else 0.0

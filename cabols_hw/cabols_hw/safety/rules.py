@@ -64,6 +64,14 @@ def judge_sensor(
 ) -> tuple[int, int]:
     """Apply the rules of the (6,) gauge voltages; since_flat (6,) [s] is updated.
 
+    Args:
+        dt_s: since the last sample [s].
+        volts: (6,) of the gauges [V].
+        last_volts: (6,) of the sample before [V].
+        saturated_volts: magnitude from which a gauge is saturated [V].
+        flat_time: longest that a gauge may stand still to the bit [s].
+        since_flat: (6,) for how long each has stood still [s]; updated.
+
     Returns:
         The broken Rule, or FINE, and the gauge.
     """

@@ -31,7 +31,12 @@ def processor_seconds(proc: Path = PROC) -> dict[int, tuple[str, float]]:
 
 
 def busiest(count: int = 3, over_s: float = OVER_S) -> list[tuple[str, float]]:
-    """Return names and loads [percent of a core] of the busiest other programs, largest first."""
+    """Return names and loads [percent of a core] of the busiest other programs, largest first.
+
+    Args:
+        count: of programs that are returned.
+        over_s: time over which loads are measured [s].
+    """
     before = processor_seconds()
     time.sleep(over_s)
     loads: dict[str, float] = {}

@@ -99,7 +99,13 @@ class BenchCampaign:
         return ToolSpec("cabols_stiffness", TOOL, (), (), words=tuple(words))
 
     def run(self, on_line: Any, on_start: Any = None, environment: Any = None) -> Ended:
-        """Run it to its end, or until one node ends, or Ctrl-C."""
+        """Run it to its end, or until one node ends, or Ctrl-C.
+
+        Args:
+            on_line: called with (node, line) for every line of output.
+            on_start: called with the process ids once all have started.
+            environment: variables to add.
+        """
         return run_bench(
             self.values(),
             on_line,
@@ -111,7 +117,12 @@ class BenchCampaign:
 
 
 def show(node: str, line: str) -> None:
-    """Show the client's lines, and the other nodes' warnings and errors."""
+    """Show the client's lines, and the other nodes' warnings and errors.
+
+    Args:
+        node: that said it.
+        line: what it said.
+    """
     if node == TOOL:
         print(line, flush=True)
     elif (read := read_line(line)).loud:
@@ -119,7 +130,12 @@ def show(node: str, line: str) -> None:
 
 
 def analyse(folder: Path, quiet: bool = False) -> int:
-    """Analyse a campaign's bags with the tool of its package; return its exit code."""
+    """Analyse a campaign's bags with the tool of its package; return its exit code.
+
+    Args:
+        folder: of the campaign.
+        quiet: whether the tool's output is dropped.
+    """
     command = [str(executable_path("cabols_stiffness", "analyze")), str(folder)]
     output = subprocess.DEVNULL if quiet else None
     return subprocess.run(command, check=False, stdout=output).returncode

@@ -78,7 +78,14 @@ class Trial:
 
 
 def short_campaign(path: Path, configurations: list[int], paths: int, rig: str = "") -> None:
-    """Write a part of a rig's campaign."""
+    """Write a part of a rig's campaign.
+
+    Args:
+        path: of the file that is written.
+        configurations: indices from 0 of the robot's stored configurations.
+        paths: number of load paths.
+        rig: name or folder, see find_rig; empty: the bench.
+    """
     whole = yaml.safe_load(rig_file("campaign.yaml", rig=rig).read_text("utf-8"))
     for key in ("validation_configurations", "validation_paths"):
         del whole[key]
@@ -132,6 +139,11 @@ class Killer:
 
 def run_trial(campaign: BenchCampaign, victim: str, after: int) -> tuple[int, bool, float]:
     """Kill, then continue; KeyboardInterrupt after Ctrl-C.
+
+    Args:
+        campaign: that is interrupted.
+        victim: node that is killed.
+        after: number of loads after which it is killed.
 
     Returns:
         Loads before, whether they were kept (False, too, if the victim did not end by the kill),

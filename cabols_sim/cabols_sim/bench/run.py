@@ -73,6 +73,10 @@ def forgiving(speed: float = 1.0, stall_s: float = 0.1) -> dict[str, float]:
 
     A desktop's kernel may stall for longer than a rig's watchdogs allow; a rig's own values stay
     in its configuration files.
+
+    Args:
+        speed: of the rig's time against the computer's.
+        stall_s: longest stall that must trip nothing, in the rig's time [s].
     """
     return {
         "watchdog": stall_s,

@@ -182,7 +182,12 @@ class DeviceLink:
             return self._truth
 
     def wait(self, after: int, timeout_s: float) -> Any:
-        """Return a truth whose sequence differs from `after`; None after the time-out."""
+        """Return a truth whose sequence differs from `after`; None after the time-out.
+
+        Args:
+            after: sequence of the truth that is known already.
+            timeout_s: longest wait [s].
+        """
         with self._condition:
             self._condition.wait_for(
                 lambda: self._truth is not None and int(self._truth["sequence"]) != after, timeout_s
@@ -193,7 +198,13 @@ class DeviceLink:
         return truth
 
     def move(self, index: int, speed_scale: float = 1.0, joints: FloatArray | None = None) -> int:
-        """Ask for a motion to a configuration (or to (6,) joints [rad]); return its number."""
+        """Ask for a motion to a configuration (or to (6,) joints [rad]); return its number.
+
+        Args:
+            index: of a stored configuration, from 0.
+            speed_scale: share of the robot's speed.
+            joints: (6,) angles [rad]; None: the configuration's.
+        """
         return self._command(Kind.MOVE, -1 if joints is not None else index, joints, speed_scale)
 
     def lead(self, joints: FloatArray, speed: float) -> int:

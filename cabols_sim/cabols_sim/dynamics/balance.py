@@ -41,7 +41,12 @@ class FreeMotion:
     tension: float
 
     def run(self, duration_s: float = 60.0, samples: int = 801) -> Trajectory:
-        """Simulate."""
+        """Simulate.
+
+        Args:
+            duration_s: of the motion [s].
+            samples: that are kept, evenly spread.
+        """
         rest = state_at(self.robot, np.zeros(self.offset.size))
         weight = equations(self.robot, rest).gravity
         held = tensions_for(self.robot, rest, weight, self.tension, 10.0 * self.tension).tension
@@ -97,6 +102,10 @@ def momentum_imbalance(robot: CableRobot, motion: Trajectory) -> tuple[float, fl
 
     Newton's forces are integrated over the whole motion by splines through its samples. Wrenches
     on the platform are taken to be zero.
+
+    Args:
+        robot: that moved freely.
+        motion: its states.
 
     Returns:
         Linear and angular, relative to the largest of each.

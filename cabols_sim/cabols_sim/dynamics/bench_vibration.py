@@ -57,7 +57,12 @@ class Held:
     platform_mass: float
 
     def vibration(self, rig: Rig, tension: ArrayLike) -> VibrationModel:
-        """Return the vibrating platform under (n,) tensions [N]."""
+        """Return the vibrating platform under (n,) tensions [N].
+
+        Args:
+            rig: with limbs and geometry.
+            tension: (n,) of the cables [N].
+        """
         pose = (self.position, self.rotation)
         platform = rigid_body(self.platform_mass, PLATFORM_GYRATION_M)
         return VibrationModel(
@@ -90,7 +95,14 @@ class Frequencies:
 
 
 def along_program(rig: Rig, held: Held, program: LoadProgram, samples: int = 120) -> Frequencies:
-    """Frequencies at the settled tensions of a programme's wrenches."""
+    """Frequencies at the settled tensions of a programme's wrenches.
+
+    Args:
+        rig: with limbs and geometry.
+        held: platform in the robot's hand.
+        program: whose wrenches are held.
+        samples: evenly spread over the programme.
+    """
     time = np.linspace(0.0, program.duration, samples)
     matrix = structure_matrix(rig.geometry, held.position, held.rotation)
     length = cable_lengths(rig.geometry, held.position, held.rotation)
@@ -135,7 +147,14 @@ class TargetCase:
 def target_cases(
     rig: Rig, control: ControlConfig, vibration: VibrationModel, factors: Sequence[float]
 ) -> tuple[TargetCase, ...]:
-    """Put a control design on targets of multiples of the robot's stiffness."""
+    """Put a control design on targets of multiples of the robot's stiffness.
+
+    Args:
+        rig: with limbs and geometry.
+        control: design of both loops.
+        vibration: platform in the robot's hand.
+        factors: multiples of the robot's stiffness.
+    """
     cases = []
     design = Rig(rig.geometry, rig.limbs, control)
     stiffness, models = rig.springs.nominal, rig.limbs.models

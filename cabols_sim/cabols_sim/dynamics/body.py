@@ -53,6 +53,11 @@ class BodyState:
     ) -> BodyState:
         """Return a state of checked arrays.
 
+        Args:
+            position: (3,) of the platform in the base frame [m].
+            rotation: (3, 3) from platform to base axes.
+            twist: (6,) velocity of the origin [m/s] and angular velocity [rad/s], base axes.
+
         Raises:
             ShapeError: if one has another shape, is not finite, or rotation is none.
         """
@@ -94,6 +99,10 @@ class Equations:
 def equations(robot: CableRobot, state: BodyState) -> Equations:
     """Set up (2.29) at a state.
 
+    Args:
+        robot: with cables and platform.
+        state: pose and twist.
+
     Raises:
         DegenerateGeometryError: if a cable has no length.
     """
@@ -123,14 +132,26 @@ def equations(robot: CableRobot, state: BodyState) -> Equations:
 def acceleration(
     robot: CableRobot, state: BodyState, tension: FloatArray, wrench: FloatArray
 ) -> FloatArray:
-    """(m,) nu_dot under (n,) tensions [N] and a (6,) wrench at the platform's origin [N, N m]."""
+    """(m,) nu_dot under (n,) tensions [N] and a (6,) wrench at the platform's origin [N, N m].
+
+    Args:
+        robot: with cables and platform.
+        state: pose and twist.
+        tension: (n,) of the cables at the platform [N].
+        wrench: (6,) at the platform's origin [N, N m], base axes.
+    """
     terms = equations(robot, state)
     drive = terms.transmission @ tension + wrench[list(robot.freedom)]
     return np.asarray(np.linalg.solve(terms.inertia, drive - terms.bias - terms.gravity))
 
 
 def rotated_inertia(robot: CableRobot, rotation: FloatArray) -> FloatArray:
-    """(3, 3) inertia of the platform about its centre of mass, base axes [kg m^2]."""
+    """(3, 3) inertia of the platform about its centre of mass, base axes [kg m^2].
+
+    Args:
+        robot: with the platform's inertia in its own axes.
+        rotation: (3, 3) from platform to base axes.
+    """
     return np.asarray(rotation @ robot.inertia @ rotation.T)
 
 

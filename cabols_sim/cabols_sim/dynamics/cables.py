@@ -25,7 +25,12 @@ _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Vector product over the last axis; several times faster than numpy's for a few rows."""
+    """Vector product over the last axis; several times faster than numpy's for a few rows.
+
+    Args:
+        a: (..., 3) vectors.
+        b: (..., 3) vectors.
+    """
     return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
 
@@ -92,7 +97,12 @@ def point_jacobians(cables: CableStates) -> FloatArray:
 
 
 def point_inertias(robot: CableRobot, cables: CableStates) -> FloatArray:
-    """(n, 3, 3) N: what a cable adds to the inertia of its platform point [kg]."""
+    """(n, 3, 3) N: what a cable adds to the inertia of its platform point [kg].
+
+    Args:
+        robot: with the cables' densities and mass law.
+        cables: their lengths, directions and rates.
+    """
     a, b = robot.cable
     mass = robot.cable_mass(cables.length)[:, None, None]
     along = cables.axis[:, :, None] * cables.axis[:, None, :]
@@ -100,7 +110,12 @@ def point_inertias(robot: CableRobot, cables: CableStates) -> FloatArray:
 
 
 def point_bias(robot: CableRobot, cables: CableStates) -> FloatArray:
-    """(n, 3) velocity terms of f without the mass stream [N]."""
+    """(n, 3) velocity terms of f without the mass stream [N].
+
+    Args:
+        robot: with the cables' densities and mass law.
+        cables: their lengths, directions and rates.
+    """
     a, b = robot.cable
     mass, growth = robot.cable_mass(cables.length), robot.mass_per_length
     square = np.einsum("ij,ij->i", cables.across, cables.across)
@@ -111,13 +126,23 @@ def point_bias(robot: CableRobot, cables: CableStates) -> FloatArray:
 
 
 def stream_forces(robot: CableRobot, cables: CableStates) -> FloatArray:
-    """(n, 3) of the mass stream on the platform's points [N]: d + q^R* of (2.28) for B."""
+    """(n, 3) of the mass stream on the platform's points [N]: d + q^R* of (2.28) for B.
+
+    Args:
+        robot: with the cables' densities and mass law.
+        cables: their lengths, directions and rates.
+    """
     strength = 0.5 * robot.stream_density * cables.rate**2
     return np.asarray(strength[:, None] * cables.axis)
 
 
 def weight_forces(robot: CableRobot, cables: CableStates) -> FloatArray:
-    """(n, 3) of the cables' weight on the platform's points [N]: (2.23) for B."""
+    """(n, 3) of the cables' weight on the platform's points [N]: (2.23) for B.
+
+    Args:
+        robot: with the cables' densities and gravity.
+        cables: their lengths, directions and rates.
+    """
     mass, growth = robot.cable_mass(cables.length), robot.mass_per_length
     height = 0.5 * cables.length * (cables.axis @ robot.gravity)
     if robot.datum == "frame":
@@ -127,5 +152,10 @@ def weight_forces(robot: CableRobot, cables: CableStates) -> FloatArray:
 
 
 def twist_force(cables: CableStates, forces: FloatArray) -> FloatArray:
-    """(6,) wrench at the platform's origin of (n, 3) forces on its points."""
+    """(6,) wrench at the platform's origin of (n, 3) forces on its points.
+
+    Args:
+        cables: with the arms of the platform's points [m].
+        forces: (n, 3) on these points [N], base axes.
+    """
     return np.concatenate([forces.sum(axis=0), cross(cables.lever, forces).sum(axis=0)])

@@ -34,13 +34,23 @@ class Power(NamedTuple):
 
 
 def kinetic_energy(robot: CableRobot, state: BodyState) -> float:
-    """T of (2.16) [J]."""
+    """T of (2.16) [J].
+
+    Args:
+        robot: with cables and platform.
+        state: pose and twist.
+    """
     nu = state.twist[list(robot.freedom)]
     return float(0.5 * nu @ equations(robot, state).inertia @ nu)
 
 
 def potential_energy(robot: CableRobot, state: BodyState) -> float:
-    """V of (2.22), the cables' mass counted from the robot's datum [J]."""
+    """V of (2.22), the cables' mass counted from the robot's datum [J].
+
+    Args:
+        robot: with cables and platform.
+        state: pose and twist.
+    """
     cables = state.cables(robot)
     centre = state.position + state.rotation @ robot.centre_of_mass
     height = 0.5 * cables.length * (cables.axis @ robot.gravity)

@@ -41,6 +41,11 @@ def bias(robot: CableRobot, x: ArrayLike, x_dot: ArrayLike) -> FloatArray:
     """c(x, x_dot) of (2.30), (m,): centrifugal, Coriolis and mass-variation terms.
 
     Arguments as in inverse_dynamics; raises as mass_matrix.
+
+    Args:
+        robot: with cables and platform.
+        x: (m,) coordinates: position [m], Euler angles [rad].
+        x_dot: (m,) their rates [m/s, rad/s].
     """
     return _terms(robot, x, x_dot)[0].bias
 
@@ -49,17 +54,32 @@ def stream(robot: CableRobot, x: ArrayLike, x_dot: ArrayLike) -> FloatArray:
     """Mass stream d + q^R* of (2.28), (m,), which (2.30) subtracts; zero without it in mass_law.
 
     Arguments as in inverse_dynamics; raises as mass_matrix.
+
+    Args:
+        robot: with cables and platform.
+        x: (m,) coordinates: position [m], Euler angles [rad].
+        x_dot: (m,) their rates [m/s, rad/s].
     """
     return _terms(robot, x, x_dot)[0].stream
 
 
 def gravity(robot: CableRobot, x: ArrayLike) -> FloatArray:
-    """G(x) of (2.29), (m,): the gradient of the potential energy. Raises as mass_matrix."""
+    """G(x) of (2.29), (m,): the gradient of the potential energy. Raises as mass_matrix.
+
+    Args:
+        robot: with cables and platform.
+        x: (m,) coordinates: position [m], Euler angles [rad].
+    """
     return _terms(robot, x)[0].gravity
 
 
 def transmission(robot: CableRobot, x: ArrayLike) -> FloatArray:
-    """J_w^T of (2.21), (m, n): generalized force per tension that pulls. Raises as mass_matrix."""
+    """J_w^T of (2.21), (m, n): generalized force per tension that pulls. Raises as mass_matrix.
+
+    Args:
+        robot: with cables and platform.
+        x: (m,) coordinates: position [m], Euler angles [rad].
+    """
     return _terms(robot, x)[0].transmission
 
 
@@ -95,6 +115,13 @@ def forward_dynamics(
 ) -> FloatArray:
     """Acceleration x_ddot (m,) of (2.29) under (n,) tensions [N] and generalized force q_nc (m,).
 
+    Args:
+        robot: with cables and platform.
+        x: (m,) coordinates: position [m], Euler angles [rad].
+        x_dot: (m,) their rates [m/s, rad/s].
+        tension: (n,) of the cables [N].
+        force: (m,) generalized force q_nc [N, N m]; None: none.
+
     Raises:
         ShapeError: if an argument has another shape or is not finite.
         CabolsError: close to the singularity of the Euler angles.
@@ -107,7 +134,13 @@ def forward_dynamics(
 
 
 def state_at(robot: CableRobot, x: ArrayLike, x_dot: ArrayLike | None = None) -> BodyState:
-    """Return pose and twist of coordinates and their rates; raises as mass_matrix."""
+    """Return pose and twist of coordinates and their rates; raises as mass_matrix.
+
+    Args:
+        robot: with cables and platform.
+        x: (m,) coordinates: position [m], Euler angles [rad].
+        x_dot: (m,) their rates [m/s, rad/s]; None: at rest.
+    """
     m = len(robot.freedom)
     place = finite_array("x", x, (m,))
     rate = np.zeros(m) if x_dot is None else finite_array("x_dot", x_dot, (m,))

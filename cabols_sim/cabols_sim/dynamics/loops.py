@@ -50,7 +50,14 @@ class Margins:
 def limb_loop(
     model: LimbModel, gains: LimbGains, stiffness: float, s: ComplexArray
 ) -> ComplexArray:
-    """Limb loop opened at the current, at complex frequencies: (3.11) with (3.10)."""
+    """Limb loop opened at the current, at complex frequencies: (3.11) with (3.10).
+
+    Args:
+        model: of the limb.
+        gains: of its law.
+        stiffness: k_e of spring and cable [N/m].
+        s: complex frequencies [rad/s].
+    """
     motor = model.gain / (s * (1.0 + model.time_constant * s))
     law = gains.velocity * s + gains.integral * (s + gains.tension * stiffness) / s
     return np.asarray(motor * law)
@@ -59,7 +66,15 @@ def limb_loop(
 def closed_limb(
     model: LimbModel, gains: LimbGains, stiffness: float, s: ComplexArray, delay_s: float = 0.0
 ) -> ComplexArray:
-    """T_l: tension per desired tension, (3.13)."""
+    """T_l: tension per desired tension, (3.13).
+
+    Args:
+        model: of the limb.
+        gains: of its law.
+        stiffness: k_e of spring and cable [N/m].
+        s: complex frequencies [rad/s].
+        delay_s: from the sample to the current [s].
+    """
     late = np.exp(-s * delay_s)
     motor = late * model.gain / (s * (1.0 + model.time_constant * s))
     ahead = motor * stiffness * gains.integral * gains.tension / s
@@ -83,7 +98,12 @@ def wrench_loop(
 
 
 def platform_response(model: VibrationModel, s: ComplexArray) -> ComplexArray:
-    """H(s), (k, 6, 6): measured wrench per commanded wrench of the winches, at k frequencies."""
+    """H(s), (k, 6, 6): measured wrench per commanded wrench of the winches, at k frequencies.
+
+    Args:
+        model: of the vibrating platform.
+        s: (k,) complex frequencies [rad/s].
+    """
     square = (s * s)[:, None, None]
     damping = s[:, None, None] * model.damping()
     moved = np.linalg.inv(square * model.mass + damping + model.stiffness)

@@ -20,6 +20,10 @@ from cabols_sim.dynamics.robot import CableRobot
 def momentum(robot: CableRobot, state: BodyState) -> FloatArray:
     """Linear momentum and angular momentum about the frame's origin of platform and cables.
 
+    Args:
+        robot: with cables and platform.
+        state: pose and twist.
+
     Returns:
         (6,) [N s, N m s].
     """
@@ -102,7 +106,14 @@ def end_forces(
 def platform_imbalance(
     robot: CableRobot, state: BodyState, nu_dot: FloatArray, tension: FloatArray
 ) -> FloatArray:
-    """What Newton's and Euler's laws of the platform miss, (6,) [N, N m]; see end_forces."""
+    """What Newton's and Euler's laws of the platform miss, (6,) [N, N m]; see end_forces.
+
+    Args:
+        robot: with cables and platform.
+        state: pose and twist.
+        nu_dot: (6,) acceleration [m/s^2, rad/s^2], base axes.
+        tension: (n,) of the cables at the platform [N].
+    """
     lever = state.cables(robot).lever
     twist_rate = robot.selection @ nu_dot
     arm, omega = state.rotation @ robot.centre_of_mass, state.twist[3:]

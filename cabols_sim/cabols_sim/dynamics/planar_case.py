@@ -71,7 +71,13 @@ class Motion:
 def case_robot(
     size: float = 1.0, density: float = DENSITY, cable: CableModel = CENTRE
 ) -> CableRobot:
-    """Return the robot of the case; size scales its lengths (and the disc's inertia with them)."""
+    """Return the robot of the case; size scales its lengths (and the disc's inertia with them).
+
+    Args:
+        size: factor of all lengths.
+        density: of the cables [kg/m].
+        cable: model of their mass.
+    """
     outer, inner = np.radians(BASE_ANGLES_DEG), np.radians(PLATFORM_ANGLES_DEG)
     radius = PLATFORM_RADIUS * size
     return planar_robot(
@@ -85,7 +91,12 @@ def case_robot(
 
 
 def models(robot: CableRobot, motion: Motion) -> dict[str, CableRobot]:
-    """The models that are compared, by name; the constant masses are those of the start."""
+    """The models that are compared, by name; the constant masses are those of the start.
+
+    Args:
+        robot: of the case.
+        motion: whose start gives the constant masses.
+    """
     length = state_at(robot, motion.start).cables(robot).length
     return {
         "as published": robot.with_options(cable=CENTRE),
@@ -121,7 +132,13 @@ class CaseRun:
 
 
 def run_case(robot: CableRobot, motion: Motion, samples: int = 401) -> CaseRun:
-    """Inverse dynamics (2.34) along a motion, and tensions (2.35) by redundancy resolution."""
+    """Inverse dynamics (2.34) along a motion, and tensions (2.35) by redundancy resolution.
+
+    Args:
+        robot: of one model.
+        motion: that it is led along.
+        samples: evenly spread over the motion.
+    """
     time = np.linspace(0.0, motion.duration_s, samples)
     rows = [_instant(robot, *motion.at(float(t))) for t in time]
     *columns, feasible = zip(*rows, strict=True)
@@ -168,7 +185,14 @@ class Effect:
 
 
 def compare(reference: CaseRun, other: CaseRun, robot: CableRobot, motion: Motion) -> Effect:
-    """Reduce two runs to their largest differences."""
+    """Reduce two runs to their largest differences.
+
+    Args:
+        reference: run of the published model.
+        other: run of another model along the same motion.
+        robot: of the reference.
+        motion: of both.
+    """
     apart = other.force - reference.force
     moving = reference.force - _weights(robot, motion, reference.time)
     inertial = float(np.linalg.norm(moving[:, :2], axis=1).max())
@@ -203,6 +227,12 @@ def study(
     """Vary density, size and pace, one at a time, as factors of the case's.
 
     The motion grows with the size and lasts as long; a pace of 2 halves its duration.
+
+    Args:
+        densities: factors of the cables' density.
+        sizes: factors of the robot's size.
+        paces: factors of the motion's speed.
+        samples: of each motion.
 
     Returns:
         By "density", "size", "pace": for each factor three effects. The first leaves (2.28) out of

@@ -156,7 +156,15 @@ class CableRobot:
         gravity: ArrayLike | None = None,
         datum: Datum | None = None,
     ) -> CableRobot:
-        """Return the same robot with some of the options changed."""
+        """Return the same robot with some of the options changed.
+
+        Args:
+            cable: model of the cables' mass; None: as it is, also below.
+            mass_law: terms of (2.28) that are used.
+            density: of the cables [kg/m], one or (n,).
+            gravity: (3,) in the base frame [m/s^2].
+            datum: where the potential energy of a cable's mass is counted from.
+        """
         values = {
             "cable": cable,
             "mass_law": mass_law,
@@ -245,6 +253,14 @@ def robot_of_rig(
     cable: CableModel = CENTRE,
 ) -> CableRobot:
     """Make a spatial robot of a rig's geometry; see CableRobot for the arguments.
+
+    Args:
+        geometry: of the rig.
+        mass: of the platform [kg].
+        inertia: (3, 3) about the centre of mass, platform axes [kg m^2].
+        density: of the cables [kg/m], one or (n,).
+        centre_of_mass: (3,) in platform axes [m].
+        cable: model of the cables' mass.
 
     Raises:
         ConfigError: if cables leave pulleys, which these dynamics do not know.

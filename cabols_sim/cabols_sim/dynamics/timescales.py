@@ -37,7 +37,13 @@ _SCALES = np.geomspace(0.1, 12.0, 97)
 
 
 def inner_polynomial(model: LimbModel, gains: WrenchGains, stiffness: float) -> FloatArray:
-    """(4,) denominator of T_l (3.13), highest power first; its last entry is the numerator."""
+    """(4,) denominator of T_l (3.13), highest power first; its last entry is the numerator.
+
+    Args:
+        model: of the limb.
+        gains: of the loops.
+        stiffness: k_e of spring and cable [N/m].
+    """
     limb, k, time_constant = gains.limbs[0], model.gain, model.time_constant
     return np.array(
         [
@@ -56,6 +62,12 @@ def closed_loop(
 
     States, six of each: v, v_d, v_dd of the limbs' loops, the integral of the wrench's error, and
     the platform's displacement and velocity. No delay.
+
+    Args:
+        gains: of the wrench law.
+        model: of the limbs.
+        stiffness: k_e of spring and cable [N/m].
+        vibration: platform on its target; None: a rigid one.
     """
     one, zero = np.eye(6), np.zeros((6, 6))
     if vibration is None:
@@ -78,7 +90,14 @@ def closed_loop(
 def slow_loop(
     gains: WrenchGains, model: LimbModel, stiffness: float, vibration: VibrationModel
 ) -> FloatArray:
-    """(24, 24) state matrix of the slow model: the platform always at its equilibrium."""
+    """(24, 24) state matrix of the slow model: the platform always at its equilibrium.
+
+    Args:
+        gains: of the wrench law.
+        model: of the limbs.
+        stiffness: k_e of spring and cable [N/m].
+        vibration: platform on its target.
+    """
     still = np.eye(6) - vibration.springs @ np.linalg.inv(vibration.stiffness)
     zero = np.zeros((6, 6))
     return _assemble(gains, inner_polynomial(model, gains, stiffness), [still, zero, zero])[:, :24]
@@ -142,7 +161,14 @@ class Split:
 def split(
     gains: WrenchGains, model: LimbModel, stiffness: float, vibration: VibrationModel
 ) -> Split:
-    """Compare the whole with its slow and fast halves."""
+    """Compare the whole with its slow and fast halves.
+
+    Args:
+        gains: of the wrench law.
+        model: of the limbs.
+        stiffness: k_e of spring and cable [N/m].
+        vibration: platform on its target.
+    """
     full = _poles(closed_loop(gains, model, stiffness, vibration))
     slow = _poles(slow_loop(gains, model, stiffness, vibration))
     frequency = vibration.modes()[0]
@@ -229,6 +255,14 @@ def fastest_design(
 
     Scales are tried upwards from one at which the loops are slower than all else, so that a design
     counts only if all slower ones are good, too. The limbs' loops must keep their margins as well.
+
+    Args:
+        models: of the limbs.
+        stiffness: k_e of each [N/m], one or (n,).
+        poles: of the wrench loop [1/s].
+        zero: of the wrench loop [1/s].
+        vibration: platform on its target.
+        delay_s: of the loop [s].
     """
 
     def design(scale: float) -> WrenchGains:

@@ -99,7 +99,14 @@ class VibrationModel:
 def spring_stiffness(
     geometry: RigGeometry, position: ArrayLike, rotation: ArrayLike, stiffness: ArrayLike
 ) -> FloatArray:
-    """(6, 6) k_e A A^T: what springs and cables give the platform with the motors standing."""
+    """(6, 6) k_e A A^T: what springs and cables give the platform with the motors standing.
+
+    Args:
+        geometry: of the rig.
+        position: (3,) of the platform in the base frame [m].
+        rotation: (3, 3) from platform to base axes.
+        stiffness: k_e of spring and cable [N/m], one or (n,).
+    """
     matrix = structure_matrix(geometry, position, rotation)
     springs = one_or_each("stiffness", stiffness, geometry.cables)
     in_range("stiffness", float(springs.min()), 0.0, 1e9)
@@ -129,7 +136,13 @@ def rigid_body(mass: float, gyration: float) -> FloatArray:
 
 
 def string_frequency(tension: ArrayLike, length: ArrayLike, density: float) -> FloatArray:
-    """(n,) first transverse frequency of cables between fixed ends [rad/s]."""
+    """(n,) first transverse frequency of cables between fixed ends [rad/s].
+
+    Args:
+        tension: (n,) of the cables [N].
+        length: (n,) of the cables [m].
+        density: of the cables [kg/m].
+    """
     pull = np.maximum(np.asarray(tension, dtype=np.float64), 0.0)
     span = np.asarray(length, dtype=np.float64)
     return np.asarray(np.pi / span * np.sqrt(pull / in_range("density", density, 1e-9, 1e3)))

@@ -96,7 +96,12 @@ class Information:
         return np.asarray(squares - np.einsum("rip,riq->pq", mean, mean) / samples)
 
     def with_each(self, chosen: FloatArray, members: IntArray) -> FloatArray:
-        """(m, p, p) as of_stay of the same configuration, with each of m members added once."""
+        """(m, p, p) as of_stay of the same configuration, with each of m members added once.
+
+        Args:
+            chosen: (n,) how often each candidate is measured, all of one configuration.
+            members: (m,) indices of the candidates.
+        """
         used = np.flatnonzero(chosen)
         count = chosen[used].sum() + 1.0
         squares = np.einsum("n,npq->pq", chosen[used], self._squares[used])

@@ -18,7 +18,14 @@ _TIGHT = 1e-7
 
 
 def polish(A: FloatArray, wrench: FloatArray, held: FloatArray, tension: FloatArray) -> FloatArray:
-    """Least-norm tensions with the `held` (n,) ones kept at the values in `tension`."""
+    """Least-norm tensions with the `held` (n,) ones kept at the values in `tension`.
+
+    Args:
+        A: (6, n) structure matrix.
+        wrench: (6,) to be held [N, N m].
+        held: (n,) whether a tension is at one of its limits.
+        tension: (n,) tensions [N]; those that are held keep their values.
+    """
     free = held == 0.0
     result = tension.copy()
     result[free] = 0.0

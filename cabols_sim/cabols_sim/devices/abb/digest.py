@@ -41,6 +41,11 @@ class DigestGuard:
         """Whether an Authorization header proves the password for this request.
 
         A nonce must be one of ours, and its count must rise: a header cannot be sent twice.
+
+        Args:
+            method: of the request.
+            path: of the request.
+            header: Authorization header, empty where there is none.
         """
         scheme, _, rest = header.partition(" ")
         if scheme.lower() != "digest":

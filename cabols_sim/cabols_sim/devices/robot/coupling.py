@@ -35,7 +35,12 @@ class RobotCoupling:
         self.faults = faults
 
     def on_sample(self, time_ns: int, sequence: int) -> None:
-        """Carry out commands at every sample; send the truth at every fourth; card's time [ns]."""
+        """Carry out commands at every sample; send the truth at every fourth; card's time [ns].
+
+        Args:
+            time_ns: of the card [ns].
+            sequence: number of the sample.
+        """
         self.robot.disabled = self.faults.has("robot_stopped")
         if self.faults.any or self._runs_away:
             self._run_away()

@@ -176,7 +176,13 @@ class FlexibleJoints:
         return found
 
     def step(self, jacobian: FloatArray, wrench: FloatArray, dt_s: float) -> None:
-        """Advance by dt_s under a (6,) wrench with the (6, 6) Jacobian of the deflected arm."""
+        """Advance by dt_s under a (6,) wrench with the (6, 6) Jacobian of the deflected arm.
+
+        Args:
+            jacobian: (6, 6) of the deflected arm, base axes.
+            wrench: (6,) on the flange [N, N m], base axes.
+            dt_s: time to advance [s].
+        """
         share = 1.0 - np.exp(-dt_s / self.lag_s)
         deflect_into(jacobian, wrench, share, self.tables, self.slip, self.deflection)
 

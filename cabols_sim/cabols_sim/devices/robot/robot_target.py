@@ -175,7 +175,12 @@ class RobotTarget:
             self._motion.stop()
 
     def step(self, wrench: FloatArray, dt_s: float) -> bool:
-        """Advance under the (6,) cable wrench (base axes); return whether the pose has changed."""
+        """Advance under the (6,) cable wrench (base axes); return whether the pose has changed.
+
+        Args:
+            wrench: (6,) of the cables on the platform [N, N m], base axes.
+            dt_s: time to advance [s].
+        """
         if self._motion is not None:
             self._move(dt_s)
         share = 1.0 - np.exp(-dt_s / self._flexible.lag_s)

@@ -109,7 +109,13 @@ class Motion:
         return self._elapsed >= self.duration
 
     def advance_into(self, dt_s: float, joints: FloatArray, speed: FloatArray) -> None:
-        """Let dt_s pass; fill joints (6,) [rad] and speed (6,) [rad/s]."""
+        """Let dt_s pass; fill joints (6,) [rad] and speed (6,) [rad/s].
+
+        Args:
+            dt_s: time to advance [s].
+            joints: (6,) to be filled [rad].
+            speed: (6,) to be filled [rad/s].
+        """
         if self._braking:
             self._rate = max(self._rate - dt_s / self._brake_s, 0.0)
         self._elapsed = min(self._elapsed + self._rate * dt_s, self.duration)

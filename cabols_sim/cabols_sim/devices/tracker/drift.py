@@ -36,7 +36,12 @@ class Drift:
         return np.asarray(self._warm_up * self._remaining(time_s) + waves.sum(axis=1))
 
     def expected(self, time_s: float, distance_m: float) -> float:
-        """Bound of the warm-up still to come [m]: two standard deviations, all directions."""
+        """Bound of the warm-up still to come [m]: two standard deviations, all directions.
+
+        Args:
+            time_s: since the tracker was switched on [s].
+            distance_m: to the reflector [m].
+        """
         config = self._config
         angle = config.warm_up_angle * distance_m
         return float(2.0 * np.sqrt(config.warm_up_radial**2 + 2.0 * angle**2)) * self._remaining(
@@ -52,7 +57,12 @@ class Drift:
 
 
 def displaced(point: FloatArray, error: FloatArray) -> FloatArray:
-    """A point (3,) with errors of distance, azimuth and elevation (3,) added, exactly."""
+    """A point (3,) with errors of distance, azimuth and elevation (3,) added, exactly.
+
+    Args:
+        point: (3,) in the tracker's frame [m].
+        error: (3,) of distance [m], azimuth and elevation [rad].
+    """
     distance = float(np.linalg.norm(point))
     azimuth = np.arctan2(point[1], point[0]) + error[1]
     elevation = np.arcsin(point[2] / distance) + error[2]
