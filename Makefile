@@ -120,6 +120,10 @@ bench-workspace: setup  ## time workspace grids beside linear programmes
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_workspace.py $(ARGS)
 
+bench-pose-faults: setup  ## faults of the pose's sources through the estimator's node, an hour without; resumes
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_pose_faults.py $(ARGS)
+
 bench-pose-estimator: setup  ## an hour of a rig's data without a false alarm, faults named (--short: 5 minutes)
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_pose_estimator.py $(ARGS)

@@ -35,6 +35,7 @@ class FaultKind:
 
 KINDS: dict[str, FaultKind] = {
     "cable_break": FaultKind(0.0, "", True, "the cable parts"),
+    "cable_slip": FaultKind(0.005, "m", True, "the cable slips on its winch"),
     "switch_open": FaultKind(0.0, "", True, "the limit switch stays open"),
     "switch_closed": FaultKind(0.0, "", True, "the limit switch stays closed"),
     "encoder_jump": FaultKind(0.01, "m", True, "the encoder gains counts at once"),
@@ -133,6 +134,14 @@ class PlantFaults:
     def has(self, kind: str) -> bool:
         """Whether a fault is in force."""
         return any(fault.kind == kind for fault in self._active)
+
+    def slipped(self) -> FloatArray:
+        """(n,) how far cables have slipped on their winches [m]."""
+        found = np.zeros(self._limbs)
+        for fault in self._active:
+            if fault.kind == "cable_slip":
+                found[fault.limb] += fault.value
+        return found
 
     def limbs_with(self, kind: str) -> list[int]:
         """Limbs that have a fault."""

@@ -2,7 +2,8 @@
 """What may be wrong where sources of the platform's pose disagree, and what each would look like.
 
 The springs turn lengths into forces: the residual is the sensor's wrench less A tension, with
-tensions k_e times elongations from the robot's pose and the encoders. A fault that changes the
+tensions k_e times elongations from the robot's pose and the encoders, and none where that is below
+zero: a slack cable does not push. A fault that changes the
 elongations by e leaves the residual -A K e: along one column for a cable that slipped, along two
 for exchanged encoders. A wrong tool puts the platform elsewhere, so that it changes the lengths,
 the directions of the cables and the axes of the sensor, less what was so when the limbs were
@@ -58,11 +59,11 @@ class Frame:
     """One moment of the cables' data.
 
     Attributes:
-        residual: (6,) sensor's wrench less A tension, base axes, about the platform's origin.
+        residual: (6,) sensor's wrench less A pull, base axes, about the platform's origin.
         matrix: (6, n) structure matrix.
         pulled: (6, n) structure matrix times k_e [N/m].
         gain: (6, 6) pulled times the structure matrix' transpose: change of the residual by a pose.
-        tension: (n,) k_e times elongation [N].
+        tension: (n,) k_e times elongation; below zero, a cable is slack [N].
         wound: (n,) wound in since zeroing [m].
         rotation: (3, 3) of the platform by the robot.
         position: (3,) likewise [m].
@@ -84,6 +85,11 @@ class Frame:
     travel: float = 0.0
     acceleration: float = 0.0
     covariance: FloatArray = field(default_factory=lambda: np.eye(6))
+
+    @property
+    def pull(self) -> FloatArray:
+        """(n,) tensions by the springs: a slack cable does not push [N]."""
+        return np.maximum(self.tension, 0.0)
 
 
 def suspects_of(cables: int) -> tuple[Suspect, ...]:
@@ -126,14 +132,13 @@ def tool_residual(
     seen = np.empty(6 * len(frames))
     for i, frame in enumerate(frames):
         longer, place, turned = _lengthened(frame, cables, tool, turn)
-        wrench = structure_matrix_unchecked(cables, place, turned) @ (
-            frame.tension - stiffness * (longer - at_zero)
-        )
+        really = np.maximum(frame.tension - stiffness * (longer - at_zero), 0.0)
+        wrench = structure_matrix_unchecked(cables, place, turned) @ really
         # The sensor's axes turn with the platform; the robot's orientation turns them back.
         back = frame.rotation @ turned.T
         seen[6 * i : 6 * i + 3] = back @ wrench[:3]
         seen[6 * i + 3 : 6 * i + 6] = back @ wrench[3:]
-        seen[6 * i : 6 * i + 6] -= frame.matrix @ frame.tension
+        seen[6 * i : 6 * i + 6] -= frame.matrix @ frame.pull
     return seen
 
 
@@ -171,23 +176,37 @@ def tool_columns(
 
 
 def effect(
-    suspect: Suspect, frame: Frame, stiffness: FloatArray, acts: bool = True
+    suspect: Suspect,
+    frame: Frame,
+    stiffness: FloatArray,
+    unknown: float = 0.0,
+    start: float | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Residual that a suspect among the limbs would leave: a fixed part, a column per unknown.
+    """Residual that a suspect among the limbs would leave, and its change with the one unknown.
 
     Args:
         suspect: one of `suspects_of`, not the robot's tool.
-        frame: now.
+        frame: a moment at which it was wrong.
         stiffness: (n,) k_e [N/m].
-        acts: whether it was wrong at that moment.
+        unknown: of a slipped cable, how far it has slipped; of exchanged encoders, by how much
+            `start` is wrong [m].
+        start: for exchanged encoders, what the two limbs differed by, in what was wound, when
+            their plugs were exchanged, as far as it is known: a card that counts steps shows each
+            the other's way from then on. None: each shows all that the other wound [m].
 
     Returns:
-        (6,) and (6, p).
+        (6,) and (6,), the latter as if no cable could be slack.
     """
-    pulled = frame.matrix * (stiffness if acts else np.zeros(len(stiffness)))
     if suspect.fault is Fault.SLIPPED_CABLE:
-        return np.zeros(6), -pulled[:, list(suspect.limbs)]
-    i, j = suspect.limbs
-    # Each shows what the other wound.
-    change = frame.wound[i] - frame.wound[j]
-    return -(pulled[:, i] - pulled[:, j]) * change, np.zeros((6, 0))
+        limbs, signs, longer = suspect.limbs, (1.0,), unknown
+    else:
+        i, j = limbs = suspect.limbs
+        signs = 1.0, -1.0
+        longer = frame.wound[i] - frame.wound[j] - (start or 0.0) - unknown
+    seen, column = np.zeros(6), np.zeros(6)
+    for k, sign in zip(limbs, signs, strict=True):
+        shown = float(frame.tension[k])
+        really = shown - sign * float(stiffness[k]) * longer
+        seen += frame.matrix[:, k] * (max(really, 0.0) - max(shown, 0.0))
+        column += sign * frame.pulled[:, k]
+    return seen, -column if suspect.fault is Fault.SLIPPED_CABLE else column

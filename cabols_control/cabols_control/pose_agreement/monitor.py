@@ -24,23 +24,14 @@ from cabols_control.geometry import RigGeometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.rotations import angle_between
 
-from .hypotheses import (
-    Fault,
-    Frame,
-    Suspect,
-    effect,
-    suspects_of,
-    tool_columns,
-    tool_residual,
-    unknowns,
-)
+from .explanations import Explanations
+from .hypotheses import Fault, Frame, Suspect, tool_residual
 from .noise import (
     APART_M,
     APART_N,
     APART_RAD,
     AgreementNoise,
     Baseline,
-    joint_covariance,
     nearest_to_predecessor,
 )
 from .tracker import Compared, Reading, TrackerAgreement
@@ -49,16 +40,10 @@ NEVER = 1e-6
 """Probability of what noise does not explain: of `samples` in a row, or one reading."""
 ODD_WRENCH = float(chi2.isf(NEVER, 6))
 """Square of a residual beyond that."""
-DOUBTFUL = 1e-6
-"""Probability below which a suspect does not explain what was gathered."""
 AGAIN = 5
 """Moments after which what is named by FRAMES is judged again."""
 FRAMES = 10
 """Moments that are gathered at most."""
-TOOL_STD = np.array([0.1] * 3 + [0.2] * 3)
-"""Of a wrong tool, standard deviations [m], [rad]: what is larger is no tool's error."""
-TOOL_STEPS = 3
-"""Of Gauss-Newton."""
 TURN_FOR_TOOL = np.deg2rad(5.0)
 """Turn over which a wrong tool can be told from all else."""
 
@@ -111,9 +96,10 @@ class AgreementMonitor:
         self._cables = geometry.records()
         self.noise = noise or AgreementNoise()
         self._prior = np.diag(np.repeat(np.square(robot_std), 3))
-        self._suspects = suspects_of(geometry.cables)
+        self._explanations = Explanations(self.noise, self.stiffness, self._cables)
         self._zero: Frame | None = None
         self._frames: list[Frame] = []
+        self._doubtful: list[Frame] = []
         self._newest: Frame | None = None
         self._baseline = Baseline(self.noise, FRAMES)
         self._in_doubt, self._gathered, self._most_turned = 0, 0, 0.0
@@ -135,7 +121,7 @@ class AgreementMonitor:
         still = np.zeros(len(wound))
         self._zero = self._frame(matrix, still, still, position, rotation, np.zeros(6))
         self._baseline = Baseline(self.noise, FRAMES)
-        self._frames, self._most_turned = [], 0.0
+        self._frames, self._doubtful, self._most_turned = [], [], 0.0
         self._in_doubt, self._gathered, self._judged = 0, 0, (None, ())
         self._tracker, self._tracker_named, self._tracker_agreed = (), False, False
 
@@ -179,22 +165,35 @@ class AgreementMonitor:
         odd = _square(frame.residual, frame.covariance) > ODD_WRENCH
         odd = odd or _square(*self._baseline.change(frame)) > ODD_WRENCH
         if not self._frames:
-            self._in_doubt = self._in_doubt + 1 if odd else 0
-            if not odd and _differs(frame, self._baseline.frames):
+            self._doubt(frame, odd)
+        new = _differs(frame, self._frames)
+        if self._frames and new:
+            self._frames.append(frame)
+            if len(self._frames) > FRAMES:
+                del self._frames[nearest_to_predecessor(self._frames)]
+            self._gathered += 1
+        # What is named by much data is looked at again now and then.
+        if self._frames and new and (self._gathered <= FRAMES or self._gathered % AGAIN == 0):
+            self._judged = self._judge()
+        return self._agreement(frame)
+
+    def _doubt(self, frame: Frame, odd: bool) -> None:
+        """Keep a moment at which all agree; or begin to gather those at which they did not."""
+        self._in_doubt = self._in_doubt + 1 if odd else 0
+        if odd:
+            if _differs(frame, self._doubtful):
+                self._doubtful = [*self._doubtful, frame][-FRAMES:]
+        else:
+            self._doubtful = []
+            if _differs(frame, self._baseline.frames):
                 self._baseline.keep(frame)
                 # What grows slowly is odd at none of the moments, but at all of them together.
                 if self._baseline.surprise > chi2.isf(NEVER, 6 * len(self._baseline.frames)):
                     self._in_doubt = self.noise.samples
-        if (self._frames or self._in_doubt >= self.noise.samples) and _differs(frame, self._frames):
-            self._frames.append(frame)
-            if len(self._frames) > FRAMES:
-                del self._frames[nearest_to_predecessor(self._frames)]
-            self._most_turned = max(self._most_turned, angle_between(rotation, self._zero.rotation))
-            self._gathered += 1
-            # What is named by much data is looked at again now and then.
-            if self._gathered <= FRAMES or self._gathered % AGAIN == 0:
-                self._judged = self._judge()
-        return self._agreement(frame)
+        if self._in_doubt >= self.noise.samples:
+            self._frames = self._doubtful or [frame]
+            self._gathered, self._doubtful = len(self._frames), []
+            self._judged = self._judge()
 
     def _frame(
         self,
@@ -208,9 +207,9 @@ class AgreementMonitor:
         acceleration: float = 0.0,
     ) -> Frame:
         """One moment, without its covariance."""
-        pulled = matrix * self.stiffness
+        pulled, pull = matrix * self.stiffness, np.maximum(tension, 0.0)
         return Frame(
-            residual=wrench - matrix @ tension,
+            residual=wrench - matrix @ pull,
             matrix=matrix,
             pulled=pulled,
             gain=pulled @ matrix.T,
@@ -247,7 +246,7 @@ class AgreementMonitor:
             arm=np.zeros(3),
             position=frame.position,
             rotation=frame.rotation,
-            wrench=frame.residual + frame.matrix @ frame.tension,
+            wrench=frame.wrench,
             std=std,
         )
         if not reading.usable:
@@ -289,22 +288,9 @@ class AgreementMonitor:
         if zero is None:
             return None, ()
         frames, before = [*self._baseline.frames, *self._frames], len(self._baseline.frames)
-        # All moments at once: what is wrong all the time is nearly the same in near ones.
-        root = np.linalg.inv(np.linalg.cholesky(joint_covariance(self.noise, frames)))
-        residual = np.concatenate([frame.residual for frame in frames])
-        fitting = []
-        for suspect in self._suspects:
-            if suspect.fault is Fault.ROBOT_TOOL:
-                square, freedom = self._fit_tool(zero, frames, root, residual)
-            else:
-                # A cable that slips has not yet slipped in the moments before; encoders may have
-                # been exchanged since zeroing, or just now.
-                slips = suspect.fault is Fault.SLIPPED_CABLE
-                since = [before] if slips else [0, before]
-                square = min(self._left(suspect, frames, at, root, residual) for at in since)
-                freedom = residual.size - unknowns(suspect)
-            if square <= chi2.isf(DOUBTFUL, freedom):
-                fitting.append(suspect)
+        turns = [angle_between(frame.rotation, zero.rotation) for frame in self._frames]
+        self._most_turned = max(self._most_turned, *turns)
+        fitting = self._explanations.fitting(zero, frames, before)
         chosen = fitting[0] if len(fitting) == 1 else None
         if chosen is not None and chosen.fault is Fault.ROBOT_TOOL and not self._turned():
             chosen = None
@@ -313,38 +299,6 @@ class AgreementMonitor:
             chosen = self._judged[0]
             return chosen, (chosen,) if chosen is not None else tuple(fitting)
         return chosen, tuple(fitting)
-
-    def _left(
-        self,
-        suspect: Suspect,
-        frames: list[Frame],
-        since: int,
-        root: FloatArray,
-        residual: FloatArray,
-    ) -> float:
-        """Sum of squares that a suspect among the limbs leaves, wrong from one moment on."""
-        parts = [
-            effect(suspect, frame, self.stiffness, i >= since) for i, frame in enumerate(frames)
-        ]
-        left = root @ (residual - np.concatenate([fixed for fixed, _ in parts]))
-        free = root @ np.concatenate([column for _, column in parts])
-        if free.shape[1]:
-            left = left - free @ np.linalg.lstsq(free, left, rcond=1e-12)[0]
-        return float(left @ left)
-
-    def _fit_tool(
-        self, zero: Frame, frames: list[Frame], root: FloatArray, residual: FloatArray
-    ) -> tuple[float, int]:
-        """Sum of squares that the best error of the tool leaves, and its degrees of freedom."""
-        tool, square = np.zeros(6), np.inf
-        given = (frames, zero, self.stiffness, self._cables)
-        for _ in range(TOOL_STEPS):
-            seen = tool_residual(*given, tool)
-            left = np.concatenate([root @ (residual - seen), -tool / TOOL_STD])
-            square = min(square, float(left @ left))
-            free = np.vstack([root @ tool_columns(*given, tool, seen), np.diag(1.0 / TOOL_STD)])
-            tool = tool + np.linalg.lstsq(free, left, rcond=1e-12)[0]
-        return square, 6 * len(frames)
 
     def _turned(self) -> bool:
         """Whether the moments since zeroing span the turn that a wrong tool takes to be told."""

@@ -78,7 +78,7 @@ class AgreementNoise:
         moved = float(np.linalg.norm(one.position - two.position)) / CORRELATED_M
         chord = float(np.linalg.norm(one.rotation - two.rotation)) / np.sqrt(2.0)
         near = np.exp(-0.5 * (moved**2 + (chord / CORRELATED_RAD) ** 2))
-        pulls = self.stiffness**2 * one.tension * two.tension
+        pulls = self.stiffness**2 * one.pull * two.pull
         found: FloatArray = (one.matrix * pulls) @ two.matrix.T
         found += (near * self.length**2) * one.pulled @ two.pulled.T
         forces = float(one.wrench[:3] @ two.wrench[:3])

@@ -170,6 +170,7 @@ class Plant:
         self.enabled = True
         self.wiring: Miswiring | None = None
         self._parted = np.zeros(n, dtype=np.bool_)
+        self._slipped = np.zeros(n)
         self._torn = np.zeros(n, dtype=np.bool_)
         self._time = 0.0
         self.target: Target = target if target is not None else RigidTarget(rig.geometry)
@@ -262,6 +263,7 @@ class Plant:
         """
         said = self.faults.inject(kind, limb, value, duration_s, self._time)
         self._part(self.faults.limbs_with("cable_break"))
+        self._slip()
         return said
 
     def _tear(self) -> None:
@@ -270,6 +272,12 @@ class Plant:
         self._rest[torn & ~self._torn] += PARTED_M
         self._torn |= torn
         self.tension[torn] = 0.0
+
+    def _slip(self) -> None:
+        """Let cables that slip on their winches become longer, or mend them."""
+        slipped = self.faults.slipped()
+        self._rest += slipped - self._slipped
+        self._slipped = slipped
 
     def _part(self, limbs: list[int]) -> None:
         """Part the cables of some limbs; splice the others that had parted."""
@@ -281,6 +289,7 @@ class Plant:
     def _distorted_current(self) -> FloatArray:
         self.faults.pass_time(self._time)
         self._part(self.faults.limbs_with("cable_break"))
+        self._slip()
         current = self._current.copy()
         self.faults.distort_current(current)
         if not self.enabled:

@@ -65,6 +65,10 @@ class MovingRobot:
         """
         self.velocity, self._began_s = np.array(velocity), self._now_s
 
+    def told(self) -> tuple[FloatArray, FloatArray]:
+        """Return position (3,) [m] and rotation (3, 3) as the robot reports them."""
+        return self.position.copy(), self.rotation.copy()
+
     def stop(self) -> None:
         """Brake once the silence of the rig's heartbeat has been noticed."""
         self._brakes_s = min(self._brakes_s, self._now_s + HEARTBEAT_S)
@@ -94,6 +98,7 @@ class LockstepRig:
         guard: of the bridge.
         robot: that holds the platform.
         mode: set by the trial; FAULT follows the guard's.
+        zeroing: number of the newest pre-tightening, as the supervisor tells it.
         desired: (6,) wrench [N, N m].
         now_s: of the newest sample [s].
         limb_controller_runs: whether the limb controller answers.
@@ -105,7 +110,13 @@ class LockstepRig:
     """
 
     def __init__(
-        self, rig: Rig, card: CardConfig, plant: PlantConfig, safety: SafetyConfig, seed: int
+        self,
+        rig: Rig,
+        card: CardConfig,
+        plant: PlantConfig,
+        safety: SafetyConfig,
+        seed: int,
+        robot: MovingRobot | None = None,
     ) -> None:
         """Start at rest with slack cables.
 
@@ -115,10 +126,11 @@ class LockstepRig:
             plant: true parameters; springs and cables get their ends.
             safety: the envelope.
             seed: of the plant.
+            robot: that holds the platform; None: one that stands until it is told to move.
         """
         limbs = replace(plant.limbs, spring_end_tension=SPRING_END_N, break_tension=BREAK_N)
         self.rig = rig
-        self.robot = MovingRobot(rig)
+        self.robot = robot or MovingRobot(rig)
         self.plant = Plant(rig, card, replace(plant, limbs=limbs), seed, self.robot)
         self.card = SimulatedQ8(self.plant, card, rig.geometry.cables, lockstep=True)
         self.card.start(card.watchdog)
@@ -148,7 +160,7 @@ class LockstepRig:
         self.guard = BridgeGuard(rig, self._safety, self._card_config.watchdog)
         self.limbs = LimbController(rig)
         self.wrenches = WrenchController(rig)
-        self.mode = OperatingMode.STOPPED
+        self.mode, self.zeroing = OperatingMode.STOPPED, 0
         self.desired = np.zeros(6)
         self._setpoint: TensionSetpoint | None = None
 
@@ -174,7 +186,7 @@ class LockstepRig:
         self._tick += 1
         self.now_s = 1e-9 * sample.time_ns
         self._tell_pose()
-        self.bridge.take(sample, self.mode)
+        self.bridge.take(sample, self.mode, self.zeroing)
         guard, expired = self.guard, self.card.watchdog_expired
         if guard.sample(self.now_s, self.bridge, self.mode, expired):
             self._write()
@@ -220,7 +232,7 @@ class LockstepRig:
         if self.path is not None and self._tick % PATH_EVERY == 0:
             self.guard.safety.allow_path(self.now_s, *self.path)
         if self._tick % POSE_EVERY == 0:
-            pose = self.robot.position.copy(), self.robot.rotation.copy()
+            pose = self.robot.told()
             self._poses.append((self._tick + POSE_LAG, self.now_s, *pose))
         if not self._poses or self._poses[0][0] > self._tick:
             return
