@@ -30,7 +30,7 @@ from cabols_control.errors import ConfigError, DegenerateGeometryError, OutOfRan
 from cabols_control.motion import FLAT, Motion, motion_of
 from cabols_control.naming import cable_name
 from cabols_control.placement import Frame
-from cabols_control.rig_checks import check_geometry
+from cabols_control.rig_checks import check_geometry, check_motion, check_reach
 from cabols_control.rig_folder import rig_file
 
 MIN_CABLES = 6
@@ -267,6 +267,13 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
         raise ConfigError(f"{source}: {error}") from error
     pose = (geometry.reference_position, geometry.reference_rotation)
     check_geometry(geometry.records(), *pose).settle(source)
+    lengths = cable_lengths_unchecked(geometry.records(), *pose)
+    check_reach(lengths, geometry.cable_length_min, geometry.cable_length_max).settle(source)
+    if geometry.motion.across is not None:
+        held = pose[0] + geometry.platform_points @ pose[1].T
+        leaves = (geometry.base_points - held)[:, geometry.motion.across]
+        size = float(np.ptp(geometry.base_points, axis=0).max())
+        check_motion(geometry.motion.value, leaves, size).settle(source)
     return geometry
 
 

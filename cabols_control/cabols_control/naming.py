@@ -33,6 +33,11 @@ def cable_name(index: int) -> str:
     return f"cable {number(index)}"
 
 
+def cable_names(indices: Iterable[int]) -> str:
+    """Name several cables, as limb_names does."""
+    return _several("cable", indices)
+
+
 def joint_name(index: int) -> str:
     """Name a joint of the robot."""
     return f"joint {number(index)}"

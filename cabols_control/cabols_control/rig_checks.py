@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from cabols_control.cable_kernels import cable_lengths_unchecked
-from cabols_control.checks import FloatArray
+from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.errors import ConfigError
-from cabols_control.naming import limb_name
+from cabols_control.naming import cable_name, cable_names, limb_name
 from cabols_control.rig_folder import RigWarning
 
 FRAME_MAX_M, FRAME_ODD_M = 1000.0, 100.0
@@ -30,6 +31,10 @@ SPEED_MAX_M_S = 100.0
 """Steady speed of a cable at the current's limit."""
 PULLEY_SHARE, PULLEY_LEAST_M = 0.25, 1e-3
 """Radius of a pulley: largest share of the frame's size; smaller ones than the least are odd."""
+FAR = 4.0
+"""Distance of a point from the middle of all of them, in the median's, beyond which it is odd."""
+INSIDE = 0.02
+"""Way of a cable through the body of the platform, in platform sizes, that is odd."""
 REACH = 5.0
 """Distance of what is mounted on the platform from its origin, in platform radii."""
 
@@ -110,6 +115,26 @@ def check_geometry(cables: Any, position: FloatArray, rotation: FloatArray) -> F
             f"reference_pose: expected the platform in its frame, got it {away:.3g} m from the "
             "frame's middle; is the position in the base frame, in metres?"
         )
+    held = position + platform_points @ rotation.T
+    for name, points in (("base_points", base_points), ("platform_points", platform_points)):
+        distances = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+        far, usual = int(distances.argmax()), float(np.median(distances))
+        if distances[far] > FAR * usual > 0.0:
+            found.odd.append(
+                f"{name}: {cable_name(far)} is {distances[far]:.3g} m from the others' middle, "
+                f"most are {usual:.3g} m; a slip of the pen, or another unit?"
+            )
+    within, ways = _inside_platform(base_points, held)
+    if within.any():
+        found.refused.append(
+            "base_points: expected outside the platform, got inside it at the reference pose for "
+            f"{cable_names(np.flatnonzero(within))}; are they in the base frame?"
+        )
+    elif (ways > INSIDE).any():
+        found.odd.append(
+            "platform_points: at the reference pose the platform's body is in the way of "
+            f"{cable_names(np.flatnonzero(ways > INSIDE))}; are points exchanged or mirrored?"
+        )
     for i in range(lengths.size):
         for j in range(i):
             apart = max(
@@ -122,6 +147,78 @@ def check_geometry(cables: Any, position: FloatArray, rotation: FloatArray) -> F
                     "the same points"
                 )
     return found
+
+
+def check_reach(lengths: FloatArray, shortest: float, longest: float) -> Findings:
+    """Look at the reference pose beside the limits of the cables' lengths.
+
+    Args:
+        lengths: (n,) of the cables at the reference pose [m].
+        shortest: limit [m].
+        longest: limit; inf for none [m].
+    """
+    found = Findings(f"cables of {lengths.min():.3g} to {lengths.max():.3g} m")
+    if not (shortest <= lengths.min() and lengths.max() <= longest):
+        found.odd.append(
+            f"cable_length_min, cable_length_max: {shortest:g} to {longest:g} m, which the "
+            "reference pose is beyond; every map leaves it out"
+        )
+    return found
+
+
+def check_motion(name: str, across: FloatArray, size: float) -> Findings:
+    """Look at the plane that a planar platform moves in.
+
+    Args:
+        name: of the motion.
+        across: (n,) of each cable, from its platform point across the plane [m].
+        size: of the frame [m].
+    """
+    largest = float(np.abs(across).max())
+    found = Findings(f"cables leave the plane by up to {largest:.3g} m")
+    if largest > 1e-6 * size:
+        found.odd.append(
+            f"motion: {name}, but the cables pull across that plane; what guides the platform must "
+            "bear it, as no map counts it"
+        )
+    return found
+
+
+def _inside_platform(base: FloatArray, held: FloatArray) -> tuple[BoolArray, FloatArray]:
+    """Which base points are inside the hull of the platform's points, and each cable's way in it.
+
+    Args:
+        base: (n, 3) [m].
+        held: (n, 3) platform points at the reference pose, base frame [m].
+
+    Returns:
+        (n,) flags, and (n,) ways in sizes of the platform; none for platforms without a body.
+    """
+    nothing = np.zeros(len(base), dtype=np.bool_), np.zeros(len(base))
+    middle = held.mean(axis=0)
+    _, spread, axes = np.linalg.svd(held - middle, full_matrices=False)
+    rank = int((spread > 1e-6 * max(float(spread[0]), 1e-12)).sum())
+    if rank < 2:
+        return nothing
+    plane, normal = axes[:rank], axes[rank:]
+    start, way = (held - middle) @ plane.T, (base - held) @ plane.T
+    try:
+        hull = ConvexHull(start)
+    except QhullError:
+        return nothing
+    size = float(np.ptp(start, axis=0).max())
+    # Sides of the body, drawn in a little: a cable may run along one of them.
+    outward, offset = hull.equations[:, :-1], hull.equations[:, -1] + 1e-3 * size
+    # A flat body is only run through by what lies in its plane.
+    out_of_plane = np.abs((base - middle) @ normal.T).max(axis=1, initial=0.0) > 1e-3 * size
+    within = ((start + way) @ outward.T + offset < 0.0).all(axis=1) & ~out_of_plane
+    speed, gap = way @ outward.T, -(start @ outward.T + offset)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.where(speed == 0.0, np.where(gap < 0.0, np.inf, -np.inf), gap / speed)
+    enters = np.where(speed <= 0.0, at, -np.inf).max(axis=1).clip(0.0)
+    leaves = np.where(speed > 0.0, at, np.inf).min(axis=1).clip(None, 1.0)
+    ways = np.maximum(leaves - enters, 0.0) * np.linalg.norm(way, axis=1) / size
+    return within, np.where(out_of_plane, 0.0, ways)
 
 
 def check_limbs(
