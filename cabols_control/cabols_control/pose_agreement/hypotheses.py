@@ -197,11 +197,10 @@ def effect(
     Returns:
         (6,) and (6,), the latter as if no cable could be slack.
     """
-    if suspect.fault is Fault.SLIPPED_CABLE:
-        limbs, signs, longer = suspect.limbs, (1.0,), unknown
-    else:
-        i, j = limbs = suspect.limbs
-        signs = 1.0, -1.0
+    limbs, signs, longer = suspect.limbs, [1.0], unknown
+    if suspect.fault is Fault.SWAPPED_ENCODERS:
+        i, j = limbs
+        signs = [1.0, -1.0]
         longer = frame.wound[i] - frame.wound[j] - (start or 0.0) - unknown
     seen, column = np.zeros(6), np.zeros(6)
     for k, sign in zip(limbs, signs, strict=True):
