@@ -63,6 +63,28 @@ def test_amplifier_near_the_limit_of_two_samples_is_switched_off_and_not_braked(
     assert rig.plant.tension.max() < 75.0
 
 
+@pytest.mark.parametrize("size", [-0.012, -0.005, 0.005, 0.012])
+@pytest.mark.parametrize("mended", [False, True])
+def test_count_that_jumped_does_not_keep_its_limb_from_pretightening(bench, size, mended):
+    """It moves where the cable is slack, once: the sample after it is no jump back."""
+    rig = bench.zeroed(0)
+    rig.mode = OperatingMode.FREE_MOVING
+    rig.run(0.3)
+    rig.plant.inject("encoder_jump", 6, size)
+    rig.run(0.3)
+    assert rig.guard.fault.name == FaultName.ENCODER
+    rig.mode = OperatingMode.STOPPED
+    rig.run(0.02)
+    if mended:
+        rig.plant.inject("none")
+        rig.run(0.02)
+    rig.mode = OperatingMode.PRETIGHTENING
+    rig.run(0.2, lambda: rig.guard.fault is not None)
+    assert rig.guard.fault is None
+    here = rig.guard.safety.tension_bound[6]
+    assert here > rig.plant.tension[6] - 1.0
+
+
 @pytest.mark.parametrize("state", ["loading", "path under load"])
 def test_whichever_cable_breaks_no_other_and_no_axis_of_the_sensor_passes_its_limit(bench, state):
     """Two draws of the cable; one that is slack may break unseen, the bounds hold for all."""

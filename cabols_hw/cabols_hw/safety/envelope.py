@@ -60,7 +60,8 @@ class SafetyEnvelope:
         self._limbs["gain"], self._limbs["time_constant"] = rig.limbs.gain, rig.limbs.time_constant
         drive = self._limbs["gain"] / self._limbs["time_constant"] * current_limit
         self._limbs["most_speed"] = STOP_TIME_S * drive
-        self._limbs["last_speed"] = self._limbs["began"] = np.nan
+        for name in ("last_speed", "leapt_from", "began"):
+            self._limbs[name] = np.nan
         self._wrench_watch = np.zeros(1, rules.WRENCH_WATCH)
         for name in ("wrench_max", "estimate_force", "estimate_torque", "estimate_time"):
             self._wrench_watch[name] = getattr(config, name)

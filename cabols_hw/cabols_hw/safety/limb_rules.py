@@ -58,6 +58,7 @@ LIMB_WATCH = np.dtype(
         ("began", np.float64),  # wound length at PRETIGHTENING's begin [m]; NaN in other modes
         ("last_wound", np.float64),  # of the sample before [m]; NaN if unknown
         ("last_speed", np.float64),  # of the sample before [m/s]; NaN if unknown
+        ("leapt_from", np.float64),  # speed before a count that jumped in this sample [m/s]; NaN
         ("observed", np.float64),  # the observer's speed [m/s]
         ("cable_s", np.float64),  # how long the switch has contradicted the estimate [s]
         ("current_s", np.float64),  # how long the current has been at its limit [s]
@@ -102,9 +103,30 @@ def forget_motion(watch: Any) -> None:
     """
     for i in range(watch.shape[0]):
         watch[i]["last_wound"] = np.nan
-        watch[i]["last_speed"] = np.nan
+        watch[i]["last_speed"] = watch[i]["leapt_from"] = np.nan
         watch[i]["observed"] = watch[i]["surge"] = 0.0
         watch[i]["surplus"] = watch[i]["against"] = 0.0
+
+
+@njit(cache=True)
+def _note_leap(own: Any, speed: float, dt_s: float, jumped: bool, most: float) -> None:
+    """Move the place at which a cable is slack along with a count that jumps.
+
+    Not the cable moves then. The sample after a jump shows a change of speed as large, back to what
+    it was before: that is none.
+
+    Args:
+        own: record of LIMB_WATCH; last_speed is of the sample before.
+        speed: of this sample [m/s].
+        dt_s: its length [s].
+        jumped: whether the speed has changed as no current can change it.
+        most: largest change that a current may make [m/s].
+    """
+    before = own["last_speed"] if np.isnan(own["leapt_from"]) else own["leapt_from"]
+    own["leapt_from"] = np.nan
+    if jumped and not abs(speed - before) <= most:
+        own["slack_stretch"] += dt_s * (speed - before)
+        own["leapt_from"] = before
 
 
 @njit(cache=True)
@@ -269,9 +291,7 @@ def judge_limbs(
         speed = (wound[i] - own["last_wound"]) / dt_s
         jumped = abs(speed - own["last_speed"]) > most["encoder_jump"]
         note_surge(own, most["quantum"], speed, current[i], dt_s)
-        if jumped:
-            # Not the cable moved, but the count.
-            own["slack_stretch"] += dt_s * (speed - own["last_speed"])
+        _note_leap(own, speed, dt_s, jumped, most["encoder_jump"])
         if np.isnan(own["last_speed"]) or not acts:
             jumped = False
             own["observed"] = speed
