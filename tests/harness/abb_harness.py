@@ -77,11 +77,14 @@ def running_controller(egm_port: int, password: str = "robotics", wrench=None, *
 
 
 @contextmanager
-def running_ur_controller(wrench=None, **options):
-    """The same clock with a simulated controller of Universal Robots."""
+def running_ur_controller(wrench=None, silence_s=PATIENCE_S, **options):
+    """The same clock with a simulated controller of Universal Robots.
+
+    A client that a busy machine stalls is not silent: its watchdog of 0.1 s is tried by itself.
+    """
     clock = PlantClock(wrench)
     link = DeviceLink(clock.link.port)
-    controller = UrController(link, load_configurations(), **options)
+    controller = UrController(link, load_configurations(), silence_s=silence_s, **options)
     clock.start()
     link.start()
     controller.start()

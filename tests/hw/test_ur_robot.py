@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 import socket
 import struct
 import threading
@@ -14,10 +15,11 @@ from hypothesis import strategies as st
 from abb_harness import PATIENCE_S, running_ur_controller, wait_until
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
-from cabols_hw.ur.handshake import ERROR, INPUTS, ProgramError
+from cabols_hw.ur.handshake import ERROR, INPUTS, SILENCE_S, ProgramError
 from cabols_hw.ur.program import program_text
 from cabols_hw.ur.robot import UrRobot
 from cabols_hw.ur.rtde import FORMATS, PackageType, Recipe, Splitter, packed
+from cabols_sim.devices.ur.controller import UrController
 from cases import outcome
 
 
@@ -53,12 +55,16 @@ def test_a_silent_rig_stops_the_robot_by_itself(bench):
     thread = threading.Thread(target=move)
     thread.start()
     wait_until(lambda: clock.robot.moving, "motion")
-    controller.program._beat_s = 0.0
+    controller.program._beat_s = float("-inf")
     controller.program.write = lambda values: None
     wait_until(lambda: not clock.robot.moving, "stand")
     thread.join(PATIENCE_S)
     assert controller.program.outputs[ERROR] == ProgramError.RIG_SILENT
     assert isinstance(seen[0], MoveAbortedError)
+
+
+def test_the_program_waits_as_long_as_the_rig_assumes():
+    assert inspect.signature(UrController).parameters["silence_s"].default == SILENCE_S == 0.1
 
 
 def test_the_program_does_not_play(bench):

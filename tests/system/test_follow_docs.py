@@ -2,6 +2,7 @@
 """Commands in README and pages: each is known, names what exists, and runs when it is followed."""
 
 import shlex
+import sys
 
 import pytest
 
@@ -82,19 +83,32 @@ def test_ros2_run_becomes_the_executable():
     assert command.words == [".venv/lib/cabols_sim/demo", "--plain"]
 
 
+def server(code, said=""):
+    """A server that says something and ends when it is interrupted.
+
+    Not a shell: one that is interrupted as it forks waits for its child, or dies.
+    """
+    text = (
+        "import os, signal, time\n"
+        f"end = lambda *_: (print({said!r}, flush=True), os._exit({code}))\n"
+        "signal.signal(signal.SIGINT, end)\n"
+        "time.sleep(600)"
+    )
+    return f"{shlex.quote(sys.executable)} -c {shlex.quote(text)}"
+
+
 @pytest.mark.parametrize(
-    ("script", "action", "result"),
+    ("text", "action", "result"),
     [
-        ("echo done", RUN, "passed"),
-        ("exit 1", RUN, "failed"),
-        ("echo done", SERVE, "failed"),  # a server that ends by itself
-        # One sleep: a shell that is interrupted just as it forks may die of it.
-        ("trap 'exit 0' INT; sleep 60", SERVE, "passed"),
-        ("trap 'echo Traceback; exit 0' INT; sleep 60", SERVE, "failed"),
-        ("trap 'exit 3' INT; sleep 60", SERVE, "failed"),
+        ("sh -c 'echo done'", RUN, "passed"),
+        ("sh -c 'exit 1'", RUN, "failed"),
+        ("sh -c 'echo done'", SERVE, "failed"),  # a server that ends by itself
+        (server(0), SERVE, "passed"),
+        (server(0, "Traceback"), SERVE, "failed"),
+        (server(3), SERVE, "failed"),
     ],
 )
-def test_what_becomes_of_a_command(script, action, result, tmp_path, monkeypatch):
-    monkeypatch.setitem(follow_docs.PATIENCE_S, SERVE, 5.0)
-    command = follow_docs.Command("p", f"sh -c {shlex.quote(script)}", action, "")
+def test_what_becomes_of_a_command(text, action, result, tmp_path, monkeypatch):
+    monkeypatch.setitem(follow_docs.PATIENCE_S, SERVE, 4.0)
+    command = follow_docs.Command("p", text, action, "")
     assert follow_docs.follow(command, tmp_path).result == result

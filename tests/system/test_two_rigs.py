@@ -117,7 +117,8 @@ def test_a_second_rig_in_the_same_namespace_is_refused_and_disturbs_nothing():
         answers.append(outcome(start(environment, record=False, **PACE)))
         watcher.wait(lambda: watcher.modes()[-1] == Mode.LOADING, "LOADING still")
 
-    values = {"auto_start": True, "program": "ramps", **PACE}
+    # No programme: a busy computer whose loops stall while tensions grow overshoots by itself.
+    values = {"auto_start": True, **PACE}
     ended, lines, watcher = run_scenario(values, scenario)
     found, said = answers[0]
     assert found["first"], said

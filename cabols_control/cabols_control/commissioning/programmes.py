@@ -161,12 +161,7 @@ class Programme:
         raise NotImplementedError
 
     def advance(self, wound: float, closed: bool) -> tuple[int, float]:
-        """Return kind and value for one sample within the guards.
-
-        Args:
-            wound: length of cable wound in by this limb [m].
-            closed: whether its switch is closed: the cable pulls.
-        """
+        """Return kind and value for one sample within the guards."""
         raise NotImplementedError
 
     def take(self, current: float) -> None:
@@ -232,12 +227,7 @@ class StepProgramme(Programme):
         self._enter("slacken")
 
     def advance(self, wound: float, closed: bool) -> tuple[int, float]:
-        """Return kind and value of the present phase.
-
-        Args:
-            wound: length of cable wound in by this limb [m].
-            closed: whether its switch is closed: the cable pulls.
-        """
+        """Return kind and value of the present phase."""
         if not abs(wound - self._home) <= 1.5 * self._config.travel:
             self.abort(
                 f"travelled {abs(wound - self._home):.3f} m, {self._config.travel:g} m meant"
@@ -339,12 +329,7 @@ class RampProgramme(Programme):
         return self._wrench_times[taken].copy(), self._wrenches[taken].copy()
 
     def take_wrench(self, stamp_s: float, wrench: FloatArray) -> None:
-        """Record one (6,) wrench on the platform, platform axes [N, N m].
-
-        Args:
-            stamp_s: of the sample [s].
-            wrench: (6,) on the platform, platform axes [N, N m].
-        """
+        """Record one (6,) wrench on the platform, platform axes [N, N m]."""
         row = self._wrench_rows
         if self._recording and not self.done and row < self._wrenches.shape[0]:
             self._wrench_times[row], self._wrenches[row] = stamp_s, wrench
@@ -364,12 +349,7 @@ class RampProgramme(Programme):
         self._enter("ramp")
 
     def advance(self, wound: float, closed: bool) -> tuple[int, float]:
-        """Return the ramp's tension.
-
-        Args:
-            wound: length of cable wound in by this limb [m].
-            closed: whether its switch is closed: the cable pulls.
-        """
+        """Return the ramp's tension."""
         del wound, closed
         elapsed = self._elapsed()
         if elapsed > self._times[-1]:
@@ -379,13 +359,7 @@ class RampProgramme(Programme):
 
 
 def make_step(rig: Rig, limb: int, config: CommissioningConfig) -> StepProgramme:
-    """Return the step programme for a limb of a rig.
-
-    Args:
-        rig: whose limb is commissioned.
-        limb: index from 0.
-        config: currents, times and guards of the programme.
-    """
+    """Return the step programme for a limb of a rig."""
     control = rig.control
     return StepProgramme(
         limb, config, control.tension_max, control.pretension_speed, control.free_speed

@@ -63,7 +63,12 @@ class Output:
         print(f"[{time.monotonic() - self._began:5.1f} s] {text}", flush=True)
 
     def figure(self, name: str, figure: Any) -> None:
-        """Write a picture."""
+        """Write a picture.
+
+        Args:
+            name: of its file, without the ending.
+            figure: of matplotlib.
+        """
         figure.savefig(self._folder / f"{name}.png", dpi=DPI)
 
     def close(self) -> None:

@@ -25,7 +25,7 @@ def main() -> int:
     from cabols_sim.studies.fast_gains_proof import prove
 
     with output_folder(arguments.output, "fast_gains") as folder:
-        code = prove(arguments)
+        code = prove(arguments, FAST)
         folder.finish()
     return code
 

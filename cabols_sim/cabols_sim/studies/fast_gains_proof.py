@@ -24,7 +24,6 @@ from cabols_sim.dynamics.bench_vibration import margin_numbers
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.plant.config import PlantConfig
 from cabols_sim.reproductions.common import bench
-from cabols_sim.studies.fast_gains import FAST
 from cabols_sim.studies.gain_search import judge, program_samples, search
 
 RISE_MAX_S, OVERSHOOT_MAX_PERCENT, CURRENT_MAX_A = 0.12, 5.0, 3.0
@@ -48,18 +47,19 @@ class RunFailedError(CabolsError):
     """The graph ended before its programme."""
 
 
-def prove(arguments: argparse.Namespace) -> int:
+def prove(arguments: argparse.Namespace, design: str) -> int:
     """Run, judge, print and write everything.
 
     Args:
         arguments: of the command line, see cabols_sim.studies.fast_gains.
+        design: file of the control design where the command line names none.
 
     Returns:
         Exit code: done, or failed where a promise is not kept.
     """
     folder = find_rig(arguments.rig)
     # The design does not depend on the rig: its gains do.
-    control = rig_file(FAST, arguments.control_file, folder if folder.has(FAST) else BENCH)
+    control = rig_file(design, arguments.control_file, folder if folder.has(design) else BENCH)
     rig = load_rig(folder, control=control)
     numbers: dict[str, Any] = {"margins": margin_numbers(rig), "programs": {}}
     print(f"design {control.name}: poles {rig.control.poles}, zero {rig.control.zero:g} 1/s")

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.serial_arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations
-from cabols_hw.ur.handshake import INPUTS, PLAYING
+from cabols_hw.ur.handshake import INPUTS, PLAYING, SILENCE_S
 from cabols_sim.devices.link import DeviceLink
 from cabols_sim.devices.robot.kinematics import Arm
 from cabols_sim.devices.truth_thread import TruthThread
@@ -36,6 +36,7 @@ class UrController:
         configurations: RobotConfigurations,
         rtde_port: int = 0,
         serial: SerialArm | None = None,
+        silence_s: float = SILENCE_S,
     ) -> None:
         """Prepare; start() begins.
 
@@ -44,11 +45,12 @@ class UrController:
             configurations: stored ones, and the tool.
             rtde_port: of the server; 0: any.
             serial: the arm; None: the bench's.
+            silence_s: of the rig, after which a motion ends [s].
 
         Raises:
             RtdeServerError: if the port is taken.
         """
-        self.program = UrProgram(link, len(configurations))
+        self.program = UrProgram(link, len(configurations), silence_s)
         arm = Arm(
             tool_position=configurations.tool_position,
             tool_rotation=configurations.tool_rotation,

@@ -35,15 +35,17 @@ class UrProgram:
         outputs: registers that the program writes, by name.
     """
 
-    def __init__(self, mover: Mover, configurations: int) -> None:
+    def __init__(self, mover: Mover, configurations: int, silence_s: float = SILENCE_S) -> None:
         """Play, motors on, waiting for a request.
 
         Args:
             mover: moves the robot.
             configurations: number of stored ones.
+            silence_s: of the client, after which a motion ends [s].
         """
         self._mover = mover
         self._configurations = configurations
+        self._silence_s = silence_s
         self._lock = threading.RLock()
         self.inputs = dict.fromkeys(INPUTS, 0)
         self.outputs = dict.fromkeys(OUTPUTS, 0)
@@ -94,7 +96,7 @@ class UrProgram:
                 self.set_motors(False)
             if not (self.running and self.motors_on):
                 return
-            silent = self._watched and time.monotonic() - self._beat_s > SILENCE_S
+            silent = self._watched and time.monotonic() - self._beat_s > self._silence_s
             if self._moving and silent:
                 self._mover.halt()
                 self._end(ProgramError.RIG_SILENT)
