@@ -30,9 +30,10 @@ def reader():
     reader.close()
 
 
-@pytest.fixture
-def two_senders(reader, senders):
+@pytest.fixture(scope="module")
+def two_senders():
     """Two units send to one port with the same numbers: whose poses were taken, what was said."""
+    reader, senders = EgmReader(0), [udp(), udp()]
     quality, order = StreamQuality(reader.counter), random.Random(1)
     taken, said = [], set()
     for k in range(400):
@@ -49,6 +50,8 @@ def two_senders(reader, senders):
             if sample is not None:
                 taken.append("robot" if sample.position[0] > 0.0 else "stranger")
         said.add(quality.look())
+    for each in (reader, *senders):
+        each.close()
     return taken, said
 
 
