@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,8 +27,10 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from cabols_control.bags.compare import payload_digest
+from cabols_control.bags.errors import BagError
 from cabols_control.bags.reader import read_bag
 from cabols_control.bags.recover import recover
+from cabols_control.bags.storage.salvage import Salvage
 from cabols_control.geometry import load_geometry
 from cabols_control.nodes.recorder import lack_of_space
 from cabols_control.realtime.scheduling import may_use_fifo
@@ -372,6 +375,14 @@ def test_the_bag_has_what_the_running_nodes_answered(node, record, tmp_path, kil
     assert texts["description"] == "census"
 
 
+def is_written(bag, words):
+    """Whether a message with some words is in a bag that is being recorded."""
+    with suppress(BagError):
+        for path in bag.glob("*.mcap"):
+            return any(words in item.data for item in Salvage(path, strict=False).messages())
+    return False
+
+
 def test_topics_of_ros_and_of_the_site_are_recorded_at_choice(node, record, tmp_path):
     site = "/site/room:std_msgs/msg/String"
     process = record(record_also=f"/rosout,/diagnostics,{site}", flush_period=0.1)
@@ -390,6 +401,7 @@ def test_topics_of_ros_and_of_the_site_are_recorded_at_choice(node, record, tmp_
     spoken = node.create_publisher(Log, "/rosout", 10)
     wait_for(spoken.get_subscription_count, process)
     spoken.publish(Log(name="site", msg="the door is open"))
+    wait_for(lambda: is_written(tmp_path / "bag", b"the door is open"), process)
     _, errors, _ = end(process)
     assert process.returncode == 0, errors
     with AnyReader([tmp_path / "bag"]) as reader:
