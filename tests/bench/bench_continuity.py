@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
+from continuity_node import node_changes
 from record import write_figures
 
 from cabols_control.geometry import load_geometry
@@ -145,6 +146,33 @@ def bench_figures(count):
     return figures
 
 
+def node_figures(count, methods):
+    """Figures of the wrench controller's real node, by method."""
+    geometry = load_geometry()
+    low, high = np.full(geometry.cables, LOW), np.full(geometry.cables, HIGH)
+    directions, ends = boundary(geometry, low, high, np.zeros(6), np.random.default_rng(4), count)
+    figures = {}
+    print(f"the real node: {count} wrenches, held and ramped from inside to beyond [N]")
+    print(f"{'method':16} {'wrench':7} {'below 2 N':>10} {'99.9 %':>8} {'largest':>8}")
+    for method in methods:
+        changes, ramped, feasible, lost = node_changes(
+            geometry, method, directions, ends, NOISE, WRENCH_NOISE
+        )
+        for name, some in (("held", changes[~ramped]), ("ramped", changes[ramped])):
+            usual, largest = float((some < USUAL_N).mean()), float(some.max())
+            tail, met = float(np.quantile(some, 0.999)), usual >= SHARE_USUAL and largest <= MOST_N
+            figures[f"{method}_{name}"] = {
+                "share_below_2_n": usual, "p999_n": tail, "largest_n": largest, "met": met,
+                "cycles": some.size, "feasible": feasible, "lost": lost,
+            }  # fmt: skip
+            print(
+                f"{method:16} {name:7} {100.0 * usual:8.3f} % {tail:8.2f} {largest:8.2f}"
+                f"  {'met' if met else 'NOT met'}  ({some.size} cycles, {lost} lost)",
+                flush=True,
+            )
+    return figures
+
+
 def public_figures(count):
     """Figures of smooth paths on robots of others, by robot and method."""
     figures = {}
@@ -179,8 +207,14 @@ def main() -> int:
     parser.add_argument("--output", type=Path, default=Path("build/bench/continuity.json"))
     parser.add_argument("--wrenches", type=int, default=2000, help="random wrenches on the bench")
     parser.add_argument("--paths", type=int, default=4, help="smooth paths on each public robot")
+    parser.add_argument("--nodes", type=int, default=0, help="only this many through the real node")
+    parser.add_argument("--methods", nargs="+", default=list(CHOICES), help="with --nodes")
     options = parser.parse_args()
-    figures = {"bench": bench_figures(options.wrenches), "public": public_figures(options.paths)}
+    if options.nodes:
+        figures = {"nodes": node_figures(options.nodes, options.methods)}
+    else:
+        bench, public = bench_figures(options.wrenches), public_figures(options.paths)
+        figures = {"bench": bench, "public": public}
     write_figures(options.output, figures)
     return 0 if all(f["met"] for part in figures.values() for f in part.values()) else 1
 
