@@ -38,6 +38,18 @@ def test_run_that_takes_longer_than_its_limit_is_ended(node):
     assert ended.codes["endless"] != 0
 
 
+def test_an_interruption_is_told_with_its_instant(node):
+    began = time.monotonic()
+
+    def interrupt(_):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    ended = run([node("endless", "exec sleep 600")], on_line=print, on_start=interrupt)
+    assert ended.first == ""
+    assert ended.interrupted_s >= began
+    assert run([node("short", "exit 3")], on_line=print).interrupted_s is None
+
+
 COUNTED = 'echo x >> "$0.count"; [ $(wc -l < "$0.count") -gt {crashes} ] && exec sleep 600; exit 7'
 
 

@@ -10,10 +10,12 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from cabols_control.bringup.processes import executable_path
+from cabols_control.bringup.processes import Ended, executable_path
 from cabols_control.run_report.acceptance import by_computer, checks, failures, table
 from cabols_control.run_report.computer import (
     Missed,
@@ -24,6 +26,7 @@ from cabols_control.run_report.computer import (
     missed,
     timer_numbers,
 )
+from cabols_sim.bench import demo
 from cabols_sim.bench.bare_timer import bare_timers
 from cabols_sim.bench.busiest import busiest
 from graph_harness import next_environment
@@ -216,3 +219,13 @@ def test_a_millisecond_in_the_limb_law_turns_the_demo_red(tmp_path):
     assert found["limb_work_median_s"] > 1e-3
     assert "work of a limb controller's cycle, median" in found["not_met_by_software"]
     assert "lost cycles" in found["not_met_by_software"]
+
+
+@pytest.mark.parametrize(
+    ("interrupted_s", "failure"), [(1.0, ""), (3.0, "aborted"), (None, "aborted")]
+)
+def test_what_follows_an_interruption_is_no_failure(interrupted_s, failure):
+    """The robot's motion is aborted by Ctrl-C, however long the nodes then take to end."""
+    session = SimpleNamespace(error=RuntimeError("aborted"), error_s=2.0)
+    ended = Ended("", 0, {}, interrupted_s=interrupted_s)
+    assert demo._failure(ended, session, Path("log")) == failure

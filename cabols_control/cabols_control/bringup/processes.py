@@ -14,6 +14,7 @@ import ctypes
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -49,12 +50,14 @@ class Ended:
         code: its exit code, negative for a signal; 0 when interrupted.
         codes: exit code of every node; 0 for one that had not opened anything yet.
         overdue: whether the run was ended because it took longer than its limit.
+        interrupted_s: when the first signal to end came, by time.monotonic(); None: none came.
     """
 
     first: str
     code: int
     codes: dict[str, int]
     overdue: bool = False
+    interrupted_s: float | None = None
 
 
 def executable_path(package: str, executable: str) -> Path:
@@ -151,9 +154,15 @@ async def _run(
     holding = {spec.executable for spec in nodes if spec.role is not None}
     unopened: set[str] = set()
     interrupted = asyncio.Event()
+    interrupted_s: list[float] = []
+
+    def interrupt() -> None:
+        interrupted_s.append(time.monotonic())
+        interrupted.set()
+
     loop = asyncio.get_running_loop()
     for number in end_signals.END_SIGNALS:
-        loop.add_signal_handler(number, interrupted.set)
+        loop.add_signal_handler(number, interrupt)
     processes: dict[str, asyncio.subprocess.Process] = {}
     pumps = []
     keepers: list[asyncio.Task[None]] = []
@@ -233,7 +242,7 @@ async def _run(
         name: 0 if name in unopened else process.returncode or 0
         for name, process in processes.items()
     }
-    return Ended(first, code, codes, overdue)
+    return Ended(first, code, codes, overdue, next(iter(interrupted_s), None))
 
 
 async def _interruption(interrupted: asyncio.Event) -> tuple[str, int]:

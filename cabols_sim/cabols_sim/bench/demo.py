@@ -211,7 +211,9 @@ def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str,
 def _failure(ended: Ended, session: Any, log: Path) -> str:
     """Return the failure; empty without one, or after Ctrl-C."""
     if session is not None and session.error is not None:
-        return str(session.error)
+        interrupted_s = ended.interrupted_s
+        if interrupted_s is None or session.error_s < interrupted_s:
+            return str(session.error)
     if ended.overdue:
         return (
             "the session had not ended in time, so all nodes were ended, motors at zero: one of "

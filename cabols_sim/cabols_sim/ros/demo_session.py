@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -56,7 +57,8 @@ class DemoSession:
 
     Attributes:
         done: whether every step came to its end.
-        error: why not; None if nothing went wrong, also after an interruption.
+        error: why not; None if nothing went wrong, or the graph had ended by then.
+        error_s: when it came, by time.monotonic(): what follows an interruption is none.
     """
 
     def __init__(
@@ -83,6 +85,7 @@ class DemoSession:
         self._rig: RigClient | None = None
         self.done = False
         self.error: Exception | None = None
+        self.error_s = 0.0
 
     def start(self, pids: dict[str, int]) -> None:
         """Begin; for run_bench's on_start. The graph is ended by SIGTERM to this process."""
@@ -110,6 +113,7 @@ class DemoSession:
             pass
         except Exception as error:
             # Ctrl-C ends the plant first, of which the others complain: then it is no error.
+            self.error_s = time.monotonic()
             if not self._stop.wait(ENDING_S):
                 self.error = error
         finally:
