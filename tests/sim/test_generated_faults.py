@@ -85,6 +85,17 @@ def test_count_that_jumped_does_not_keep_its_limb_from_pretightening(bench, size
     assert here > rig.plant.tension[6] - 1.0
 
 
+@pytest.mark.parametrize("process", ["robot's bridge", "supervisor", "limb controller"])
+@pytest.mark.parametrize("state", ["robot moves", "path under load"])
+def test_process_that_dies_while_the_robot_moves_lets_no_cable_gain_much(bench, state, process):
+    """The robot stops by its own watch, later than it would by a fault that it is told of."""
+    trial = run_trial(bench, kind(f"{state}: {process} dead"), 1)
+    assert trial["healthy"]
+    assert trial["detected"] or process == "supervisor"
+    assert trial["growth_n"] < ALONE_N
+    assert trial["peak_tension_n"] < (ALONE_N if state == "robot moves" else 75.0)
+
+
 @pytest.mark.parametrize("state", ["loading", "path under load"])
 def test_whichever_cable_breaks_no_other_and_no_axis_of_the_sensor_passes_its_limit(bench, state):
     """Two draws of the cable; one that is slack may break unseen, the bounds hold for all."""

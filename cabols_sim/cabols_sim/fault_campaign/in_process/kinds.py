@@ -19,7 +19,9 @@ from cabols_sim.fault_campaign.in_process.strikes import (
     no_samples,
     pose,
     pose_and_sensor,
+    robot_bridge_dead,
     several,
+    supervisor_dead,
     two_limbs,
     wrench_dead,
     wrong_current,
@@ -57,6 +59,7 @@ ZEROING = frozenset({"pretightening"})
 SLACK = ZEROING | {"started"}
 FREE = frozenset({"free", "robot moves"})
 LIGHT = FREE | SLACK | frozenset({"loading"})
+EVERY = LIGHT | RESTS | ZEROING
 """States in which nothing depends on a fault: at rest a frozen count is a right one, without zeros
 no limb goes by pose or counts, only LOADING goes by tension commands. And 140 N on all limbs are
 within the envelope: whether a load is the one that was asked for, the bridge does not know. A
@@ -138,6 +141,8 @@ DISTURBANCES = (
     ),
     Disturbance("limb controller dead", limbs_dead, SOON_S),
     Disturbance("wrench controller dead", wrench_dead, LATE_S, FREE | SLACK | RESTS),
+    Disturbance("robot's bridge dead", robot_bridge_dead, SENSOR_S),
+    Disturbance("supervisor dead", supervisor_dead, LATE_S, EVERY),
     Disturbance("samples missing", no_samples, SOON_S + 0.06),
 )
 """Every way; each meets each state below."""

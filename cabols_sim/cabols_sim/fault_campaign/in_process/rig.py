@@ -69,9 +69,13 @@ class MovingRobot:
         """Return position (3,) [m] and rotation (3, 3) as the robot reports them."""
         return self.position.copy(), self.rotation.copy()
 
-    def stop(self) -> None:
-        """Brake once the silence of the rig's heartbeat has been noticed."""
-        self._brakes_s = min(self._brakes_s, self._now_s + HEARTBEAT_S)
+    def stop(self, after_s: float = HEARTBEAT_S) -> None:
+        """Brake once the silence of the rig's heartbeat has been noticed.
+
+        Args:
+            after_s: until then [s].
+        """
+        self._brakes_s = min(self._brakes_s, self._now_s + after_s)
 
     def step(self, wrench: FloatArray, dt_s: float) -> bool:
         """Advance; whether the pose has changed.
@@ -107,6 +111,8 @@ class LockstepRig:
         change_current: what a wrong controller makes of its (n,) currents [A].
         change_tension: what a wrong controller makes of its (n,) tensions [N].
         change_pose: what becomes of a pose on its way; None: it is lost.
+        relays: whether the robot hears of the bridge's faults.
+        later: what happens at a time [s], once.
     """
 
     def __init__(
@@ -139,6 +145,8 @@ class LockstepRig:
         self.start_again(None)
         self.limb_controller_runs = self.wrench_controller_runs = True
         self.path: tuple[float, float] | None = None
+        self.relays = True
+        self.later: tuple[float, Callable[[], None]] | None = None
         self.change_current: Callable[[FloatArray], FloatArray] | None = None
         self.change_tension: Callable[[FloatArray], FloatArray] | None = None
         self.change_pose: (
@@ -185,6 +193,9 @@ class LockstepRig:
         sample = self.card.read()
         self._tick += 1
         self.now_s = 1e-9 * sample.time_ns
+        if self.later is not None and self.now_s >= self.later[0]:
+            act, self.later = self.later[1], None
+            act()
         self._tell_pose()
         self.bridge.take(sample, self.mode, self.zeroing)
         guard, expired = self.guard, self.card.watchdog_expired
@@ -196,7 +207,8 @@ class LockstepRig:
             self.card.clear_watchdog()
         if guard.fault is not None and self.mode != OperatingMode.STOPPED:
             self.mode = OperatingMode.FAULT
-            self.robot.stop()
+            if self.relays:
+                self.robot.stop()
         if self.limb_controller_runs:
             guard.command(self.limbs.limbs, self._currents(), self.now_s)
             self._write()

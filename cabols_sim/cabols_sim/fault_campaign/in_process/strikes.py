@@ -9,9 +9,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_control.supervision.faults import Fault, FaultName
+from cabols_hw.abb.heartbeat import MODE_AGE_S, PERIOD_S, SILENCE_S
 from cabols_sim.fault_campaign.in_process.rig import LockstepRig
 from cabols_sim.plant.miswiring import Miswiring
 
+WATCH_S = PERIOD_S + SILENCE_S
+"""From the last beat that the robot hears until it begins to brake [s]."""
+MODE_TIMEOUT_S = 0.5
+"""Age of a mode that the limb controller no longer follows [s]; its node has the same."""
 Strike = Callable[[LockstepRig, np.random.Generator], None]
 Senses = tuple[IntArray, FloatArray, BoolArray]
 """Counts, gauges' voltages, switches' lines: see Plant.sense."""
@@ -252,6 +258,31 @@ def wrench_dead(rig: LockstepRig, random: np.random.Generator) -> None:
     """
     del random
     rig.wrench_controller_runs = False
+
+
+def robot_bridge_dead(rig: LockstepRig, random: np.random.Generator) -> None:
+    """End the robot's bridge: no pose, no path, and nobody tells the robot of a fault.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
+    pose("silent")(rig, random)
+    rig.path, rig.relays = None, False
+    rig.robot.stop(WATCH_S)
+
+
+def supervisor_dead(rig: LockstepRig, random: np.random.Generator) -> None:
+    """End the supervisor: the mode that is in force stays, until others find it too old.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
+    del random
+    rig.robot.stop(MODE_AGE_S + WATCH_S)
+    silent = Fault(FaultName.MODE_AGE, "the supervisor is silent")
+    rig.later = rig.now_s + MODE_TIMEOUT_S, lambda: rig.limbs.trip(silent)
 
 
 def pose_and_sensor(rig: LockstepRig, random: np.random.Generator) -> None:
