@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -260,3 +262,26 @@ def test_exchanged_switches_are_found_before_a_limb_has_a_wrong_zero(bench, limb
     assert rig.guard.fault.name == FaultName.SWITCH
     assert not rig.bridge.zeroed.all()
     assert rig.plant.tension.max() < 50.0
+
+
+def test_exchanged_channels_show_once_the_two_limbs_pull_unlike(bench):
+    """While they pull alike nothing tells them apart; a difference of 25 N does, for each pair."""
+    structure, safety = bench.zeroed(0).bridge.structure, bench._safety
+    for one, other in combinations(range(structure.shape[1]), 2):
+        apart = structure[:, one] - structure[:, other]
+        by_force = safety.estimate_force / np.linalg.norm(apart[:3])
+        by_torque = safety.estimate_torque / np.linalg.norm(apart[3:])
+        assert min(by_force, by_torque) < 25.0
+    rig = bench.started(0)
+    rig.plant.wiring = Miswiring.of("channels_exchanged", 0, 2)
+    rig.mode = OperatingMode.PRETIGHTENING
+    rig.run(6.0, lambda: bool(rig.bridge.zeroed.all()))
+    rig.run(0.3)
+    missed = rig.bridge.structure @ rig.bridge.tension
+    missed -= rig.wrenches.to_base_axes(rig.bridge.wrench)
+    assert np.linalg.norm(missed[:3]) < 0.5
+    rig.mode = OperatingMode.LOADING
+    rig.desired[:3] = [10.0, -55.0, 20.0]
+    rig.run(1.0, lambda: rig.guard.fault is not None)
+    assert rig.guard.fault is not None
+    assert abs(rig.plant.tension[0] - rig.plant.tension[2]) < 45.0

@@ -37,6 +37,9 @@ DOUBT_AS, DOUBT_A, DOUBT_SHARE = 0.0035, 0.25, 0.9
 not exact [A s], gathered by what DOUBT_SHARE of its current has beyond DOUBT_A [A]."""
 TICK_S = 0.5 * PERIOD_S
 """What rounding may shift a sample's time by [s]."""
+LOADING = OperatingMode.LOADING
+TURN_SAMPLES = 700
+"""Samples for which a rig that is wired wrongly holds a load, before it is asked for another."""
 PLANTS = 4
 """Plants of different slack, bias and noise; a trial's is drawn by its seed."""
 
@@ -164,7 +167,7 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
     rows, beyond = [], -np.inf
     while rig.now_s < end_s - TICK_S:
         rig.cycle()
-        if kind.state == WIRED and rig.mode == OperatingMode.PRETIGHTENING:
+        if kind.state == WIRED:
             _go_on(rig, random)
         plant = rig.plant
         for limb, bound in driven.items():
@@ -255,10 +258,15 @@ def _grown(
 
 
 def _go_on(rig: LockstepRig, random: np.random.Generator) -> None:
-    """Load a rig once all its limbs have zeros."""
-    if rig.bridge.zeroed.all():
+    """Load a rig once all its limbs have zeros, then in other directions.
+
+    Two limbs whose channels are all exchanged cannot be told apart while they pull alike.
+    """
+    tightens, loads = (rig.mode == mode for mode in (OperatingMode.PRETIGHTENING, LOADING))
+    turns = loads and round(rig.now_s / PERIOD_S) % TURN_SAMPLES == 0
+    if (tightens and rig.bridge.zeroed.all()) or turns:
         direction = random.normal(size=3)
-        rig.mode = OperatingMode.LOADING
+        rig.mode = LOADING
         rig.desired[:3] = PATH_LOAD_N * direction / np.linalg.norm(direction)
 
 
