@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -73,7 +74,13 @@ def test_both_halves_run_once_and_are_added_up(tmp_path):
     (tmp_path / "pytest.ini").write_text(settings, encoding="utf-8")
     command = [sys.executable, str(root / "tools" / "run_tests.py"), "-p", "no:cacheprovider"]
     done = subprocess.run(
-        [*command, str(tmp_path)], capture_output=True, text=True, check=False, cwd=tmp_path
+        [*command, "-p", "xdist.plugin", str(tmp_path)],
+        # Each of nine processes would import all plugins of this environment.
+        env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
     )
     assert done.returncode == 1, done.stdout + done.stderr
     assert " 1 failed, 2 passed, 1 deselected, 1 xfailed in " in done.stdout.splitlines()[-1]

@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import textwrap
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -79,9 +80,20 @@ def follow(section, folder):
     return said, folder / rig
 
 
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory):
+    """What `follow` returns for a section, which is followed once."""
+
+    @cache
+    def of(section):
+        return follow(section, tmp_path_factory.mktemp("rig"))
+
+    return of
+
+
 @pytest.mark.parametrize(("section", "cables"), [("Seven cables", 7), ("Ten cables", 10)])
-def test_the_page_makes_a_rig(tmp_path, section, cables):
-    said, folder = follow(section, tmp_path)
+def test_the_page_makes_a_rig(followed, section, cables):
+    said, folder = followed(section)
     rig = load_rig(folder)
     assert rig.geometry.cables == cables == len(rig.limbs.gain) == load_plan(rig=folder).limbs
     assert f"{cables} cables of " in said
@@ -90,8 +102,8 @@ def test_the_page_makes_a_rig(tmp_path, section, cables):
 
 
 @pytest.mark.parametrize(("section", "cables"), [("Seven cables", 7), ("Ten cables", 10)])
-def test_the_compiled_loop_reaches_a_wrench(tmp_path, section, cables):
-    _, folder = follow(section, tmp_path)
+def test_the_compiled_loop_reaches_a_wrench(followed, section, cables):
+    _, folder = followed(section)
     desired = np.zeros((1500, 6))
     desired[300:] = [10.0, -10.0, 15.0, 0.5, -0.5, 0.5]
     trace = simulate(load_rig(folder), load_card(folder), load_plant(folder), desired)
@@ -100,8 +112,8 @@ def test_the_compiled_loop_reaches_a_wrench(tmp_path, section, cables):
     assert trace.tension[-100:].min() > 1.0
 
 
-def test_a_real_second_card_is_refused_with_the_reason(tmp_path):
-    _, folder = follow("Ten cables", tmp_path)
+def test_a_real_second_card_is_refused_with_the_reason(followed):
+    _, folder = followed("Ten cables")
     with pytest.raises(CardError, match=r"one card, got 2.*drift apart"):
         open_q8("0", load_card(folder))
 
@@ -110,8 +122,8 @@ def test_a_real_second_card_is_refused_with_the_reason(tmp_path):
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize(("section", "cables"), [("Seven cables", 7), ("Ten cables", 10)])
-def test_the_rig_of_the_page_runs(tmp_path, section, cables):
-    _, folder = follow(section, tmp_path)
+def test_the_rig_of_the_page_runs(followed, tmp_path, section, cables):
+    _, folder = followed(section)
     program = tmp_path / "short.csv"
     program.write_text(PROGRAM)
     values = {
