@@ -168,7 +168,10 @@ def fit(
         ratio = np.sqrt(np.maximum(distances, 1e-300)) / (HUBER * typical)
         return np.asarray(1.0 / np.maximum(ratio, 1.0))
 
-    found = _gauss_newton(observations, model, found.parameters, everything, huber, HUBER_STEPS)
+    # From the first guess: a gross error may have driven a joint's compliance to nothing, where its
+    # column vanishes and no later step brings it back.
+    weights = huber(found.distances)
+    found = _gauss_newton(observations, model, start, everything, huber, HUBER_STEPS, weights)
     for _ in range(5):
         use = inliers(found.distances, m)
         if too_many(observations, use):
@@ -216,10 +219,11 @@ def _gauss_newton(
     use: BoolArray,
     weigh: Callable[[FloatArray], FloatArray] | None = None,
     limit: int = STEPS,
+    weights: FloatArray | None = None,
 ) -> Fitted:
     """Iterate; weigh, if given, makes weights (k,) from squared distances (k,) at every step."""
     parameters, steps, converged, last = start, 0, False, 0.0
-    weights = use.astype(np.float64)
+    weights = use.astype(np.float64) if weights is None else weights
     chosen = np.flatnonzero(model.estimated)
     while True:
         line = observations.linearise(parameters.law(model.friction_state, model.published))

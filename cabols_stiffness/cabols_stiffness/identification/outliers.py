@@ -38,6 +38,12 @@ MOST_VARIANCE = 1.5
 """Of the residuals within configurations, in units of the stated noise, beyond which scatter does
 not explain the misfit."""
 
+MANY = 0.1
+"""Share of the loaded samples up to which outliers may be anywhere."""
+
+MOST_OF_ONE = 0.5
+"""Share of a configuration's loaded samples beyond which they are no gross errors, if many."""
+
 
 def fit_without_outliers(observations: Observations, model: Model, start: Parameters) -> Fitted:
     """Fit; samples are outliers only if the scatter between configurations does not explain them.
@@ -60,11 +66,28 @@ def fit_without_outliers(observations: Observations, model: Model, start: Parame
         return found
     other = _scattered(observations, model, start)
     if other is not None and (found is None or other.use.sum() > found.use.sum()):
-        return other
+        found = other
     if found is None:
         assert refused is not None
         raise refused
+    if _are_concentrated(observations, found.use):
+        return fit(observations, model, start, robust=False)
     return found
+
+
+def _are_concentrated(observations: Observations, use: BoolArray) -> bool:
+    """Whether what is left out is many, and most of some configuration: a misfit, no gross errors.
+
+    Without it the model would be judged by the configurations that it happens to fit.
+    """
+    samples = observations.samples
+    loaded = (samples.wrench != 0.0).any(axis=1)
+    left_out = loaded & ~use
+    if not left_out.sum() > MANY * loaded.sum():
+        return False
+    _, index = np.unique(samples.configuration, return_inverse=True)
+    lost = np.bincount(index.ravel(), left_out)
+    return bool((lost > MOST_OF_ONE * np.bincount(index.ravel(), loaded)).any())
 
 
 def _scattered(observations: Observations, model: Model, start: Parameters) -> Fitted | None:

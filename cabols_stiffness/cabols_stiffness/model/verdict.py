@@ -49,6 +49,7 @@ class Suspect(StrEnum):
     AXES = "axes"
     JOINT_ORDER = "joint_order"
     JOINT_ZERO = "joint_zero"
+    ROWS = "rows"
     OUTLIERS = "outliers"
 
 

@@ -40,6 +40,8 @@ WITH_A_NUMBER = frozenset(
 )
 """Those whose text holds the number itself; the others' is a change of stiffness."""
 HARM = "; taken into account, it changes a joint's stiffness by {percent:.1f} %"
+BEYOND = "; taken into account, it changes a joint's stiffness more than tenfold"
+MOST_PERCENT = 1000.0
 
 
 def text_of(suspect: Suspect, value: float) -> str:
@@ -49,5 +51,8 @@ def text_of(suspect: Suspect, value: float) -> str:
         suspect: what.
         value: the number that its sentence holds; relative change of stiffness for most.
     """
-    text = TEXTS[suspect] if suspect in WITH_A_NUMBER else TEXTS[suspect] + HARM
-    return text.format(value, percent=100.0 * value)
+    percent = 100.0 * value
+    text = TEXTS[suspect]
+    if suspect not in WITH_A_NUMBER:
+        text += HARM if percent <= MOST_PERCENT else BEYOND
+    return text.format(value, percent=percent)

@@ -31,14 +31,35 @@ TORQUE_UNITS = {
     "kN m": 1e3,
     "N in (or lbf in beside lbf)": 0.0254,
     "N ft (or lbf ft beside lbf)": 0.3048,
+    "N cm": 1e-2,
     "kgf m beside N": 9.80665,
     "N m beside kgf": 1.0 / 9.80665,
+    "N m beside lbf": 1.0 / 4.4482216,
     "kgf mm": 9.80665e-3,
 }
 """Units of a torque beside forces in N: factors to N m. A factor of both is a factor of the
 stiffness, which no misfit shows; see PLAUSIBLE in judge.py."""
 
-LENGTH_UNITS = {"mm": 1e-3, "km": 1e3, "um": 1e-6, "in": 0.0254}
+LENGTH_UNITS = {
+    "mm": 1e-3,
+    "km, or m read as mm": 1e3,
+    "um": 1e-6,
+    "inches": 0.0254,
+    "inches, read as mm": 25.4,
+    "mm, read as inches": 1.0 / 25.4,
+    "cm": 1e-2,
+    "cm, read as mm": 10.0,
+    "mm, read as cm": 0.1,
+}
+ANGLE_UNITS = {
+    "degrees": np.pi / 180.0,
+    "mrad": 1e-3,
+    "urad": 1e-6,
+    "arcsec": np.pi / 648000.0,
+    "rad, read as degrees": 180.0 / np.pi,
+    "rad, read as mrad": 1e3,
+}
+"""What is multiplied to get what was read: factors to m and rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +114,22 @@ class Statics:
         wrench: FloatArray | None = None,
         *,
         elsewhere: bool = False,
+        about_base: bool = False,
         offset: float = 1.0,
     ) -> tuple[FloatArray, FloatArray]:
-        """Prediction and columns; elsewhere: the wrench is in the other of base and tool axes."""
+        """Prediction and columns.
+
+        elsewhere: the wrench is in the other of base and tool axes; about_base: its torque is about
+        the base's origin, not about the tool's.
+        """
         samples = self.samples
         posture = self.robot.posture(samples.joints if joints is None else joints)
         load = self.wrench if wrench is None else wrench
         if self.given_in_tool is not elsewhere:
             load = turn(posture.rotation, load)
+        if about_base:
+            load = load.copy()
+            load[:, 3:] -= np.cross(posture.position, load[:, :3])
         if isinstance(samples, PointSamples):
             arm = offset * np.einsum("kij,kj->ki", posture.rotation, samples.offset)
             predicted, motion = posture.position + arm, point_motion(arm) @ posture.jacobian
@@ -136,6 +165,13 @@ class Statics:
         stated, other = ("tool", "base") if self.given_in_tool else ("base", "tool")
         text = f"the wrench seems to be in the {other}'s axes, not in the {stated}'s"
         yield Trial(Suspect.AXES, text, *self._with(elsewhere=True))
+        text = "the torques seem to be about the base's origin, not about the tool's"
+        yield Trial(Suspect.WRENCH_POINT, text, *self._with(about_base=True))
+        if isinstance(self.samples, Samples):
+            for rows, where in ((1, "after"), (-1, "before")):
+                text = f"each load seems to stand in the row {where} its deflection"
+                shifted = np.roll(self.wrench, -rows, axis=0)
+                yield Trial(Suspect.ROWS, text, *self._with(wrench=shifted))
 
     def _scaled(self, suspect: Suspect, text: str, factor: FloatArray) -> Trial:
         return Trial(suspect, text, *self._with(wrench=self.wrench * factor))
@@ -152,13 +188,16 @@ class Statics:
                 scale = np.repeat([1.0 / factor, 1.0], 3)
                 yield Trial(Suspect.UNIT, text, predicted, columns * scale[:, None])
         if not points:
-            for unit, factor in (("degrees", np.pi / 180.0), ("mrad", 1e-3)):
+            for unit, factor in ANGLE_UNITS.items():
                 scale = np.repeat([1.0, 1.0 / factor], 3)
                 text = f"rotations seem to be in {unit}"
                 yield Trial(Suspect.UNIT, text, predicted, columns * scale[:, None])
             scale = np.repeat([1.0, -1.0], 3)
             text = "the sign of the rotations seems wrong"
             yield Trial(Suspect.SIGN, text, predicted, columns * scale[:, None])
+            text = "the deflections seem to be in the tool's axes, not in the base's"
+            back = self.robot.posture(self.samples.joints).rotation.swapaxes(1, 2)
+            yield Trial(Suspect.AXES, text, predicted, _blockwise(back, columns))
         for matrix, text in _axes():
             back = matrix.T if points else np.kron(np.eye(2), matrix.T)
             yield Trial(
@@ -197,6 +236,11 @@ class Statics:
             yield Trial(Suspect.JOINT_ORDER, text, *self._with(q[:, order]))
         text = "the joints seem to be in the reverse order"
         yield Trial(Suspect.JOINT_ORDER, text, *self._with(q[:, ::-1]))
+
+
+def _blockwise(rotation: FloatArray, columns: FloatArray) -> FloatArray:
+    """Translations and rotations (k, 6, n), each turned by (k, 3, 3)."""
+    return np.concatenate([rotation @ columns[:, :3], rotation @ columns[:, 3:]], axis=1)
 
 
 def _axes() -> Iterator[tuple[FloatArray, str]]:
