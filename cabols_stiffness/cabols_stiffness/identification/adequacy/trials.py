@@ -196,8 +196,8 @@ class Statics:
             text = "the sign of the rotations seems wrong"
             yield Trial(Suspect.SIGN, text, predicted, columns * scale[:, None])
             text = "the deflections seem to be in the tool's axes, not in the base's"
-            back = self.robot.posture(self.samples.joints).rotation.swapaxes(1, 2)
-            yield Trial(Suspect.AXES, text, predicted, _blockwise(back, columns))
+            into_tool = self.robot.posture(self.samples.joints).rotation.swapaxes(1, 2)
+            yield Trial(Suspect.AXES, text, predicted, _blockwise(into_tool, columns))
         for matrix, text in _axes():
             back = matrix.T if points else np.kron(np.eye(2), matrix.T)
             yield Trial(
