@@ -12,17 +12,15 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
-import defusedxml.ElementTree as Xml
 import numpy as np
-from defusedxml.common import DefusedXmlException
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
-from cabols_control.errors import ConfigError, DataFileError
+from cabols_control.errors import DataFileError
 from cabols_control.motion import Motion
 from cabols_control.naming import cable_name
 
-from .exchanged import ExchangedRobot, numbers
+from .exchanged import ExchangedRobot, numbers, xml_tree
 
 JOINTS = {
     "SPATIAL_EULER_XYZ": (Motion.SPATIAL, 6),
@@ -50,8 +48,6 @@ PULLEY = "base_rotating_pulley"
 """Attachment over a swivelling wheel: the cable comes along the swivel's axis."""
 LARGEST_N = 1e8
 """Largest tension of a robot file [N]."""
-LARGEST_FILE = 20_000_000
-"""Bytes of a file beyond which it is none."""
 
 
 def read_caspr(bodies: Path, cables: Path, cable_set: str = "") -> ExchangedRobot:
@@ -66,7 +62,7 @@ def read_caspr(bodies: Path, cables: Path, cable_set: str = "") -> ExchangedRobo
         ConfigError: if a file cannot be read.
         DataFileError: naming file and place, if a model is not one that is read here.
     """
-    tree = _tree(bodies)
+    tree = xml_tree(bodies)
     links = [link for link in tree.iter() if str(link.tag).startswith("link_")]
     if len(links) != 1:
         raise DataFileError(
@@ -127,7 +123,7 @@ def _pose(motion: Motion, at: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _read_cables(robot: ExchangedRobot, path: Path, wanted: str) -> None:
     """Fill in points and limits of a set of cables."""
-    tree = _tree(path)
+    tree = xml_tree(path)
     sets = {str(found.get("id")): found for found in tree.iter("cable_set")}
     name = wanted or str(tree.get("default_cable_set"))
     if name not in sets:
@@ -196,23 +192,6 @@ def _pulley(where: str, pulley: ElementTree.Element) -> tuple[FloatArray, float,
             f"{where}: expected a radius from 0 and a direction, got {radius:g} and {along}"
         )
     return values("fixed_location", 3), radius, along / length
-
-
-def _tree(path: Path) -> ElementTree.Element:
-    """Parse a file; entities are refused, external definitions never read."""
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(text) > LARGEST_FILE:
-        raise DataFileError(f"{path}: expected a model of at most 20 MB, got {len(text) / 1e6:.0f}")
-    try:
-        root: ElementTree.Element = Xml.fromstring(text)
-    except DefusedXmlException as error:
-        raise DataFileError(f"{path}: expected a model without entities, got {error}") from error
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise DataFileError(f"{path}: expected XML, got {error}") from error
-    return root
 
 
 def write_caspr(robot: ExchangedRobot, folder: Path, name: str) -> list[Path]:

@@ -19,7 +19,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError, DataFileError
 from cabols_control.motion import Motion
 
-from .exchanged import ExchangedRobot, numbers
+from .exchanged import ExchangedRobot, frame_along, numbers
 
 DIAMETER_M = 1e-3
 """Of a cable that is written and whose own is not known: the format asks for one."""
@@ -86,7 +86,7 @@ def read_cdpyr(path: Path) -> ExchangedRobot:
 
 
 def _outwards(robot: ExchangedRobot, axes: FloatArray) -> FloatArray:
-    """Turn axes so that the cables come from the side away from the platform."""
+    """Turn axes away from the platform: cables come that way and run over the wheel."""
     held = robot.position + robot.platform_points @ robot.rotation.T
     along = np.einsum("ij,ij->i", robot.base_points - held, axes)
     return np.where(along[:, None] >= 0.0, axes, -axes)
@@ -180,7 +180,7 @@ def write_cdpyr(robot: ExchangedRobot, folder: Path, name: str) -> list[Path]:
         if robot.pulley_radius.size and robot.pulley_radius[index] > 0.0:
             anchor["pulley"] = {"radius": float(robot.pulley_radius[index])}
             if robot.pulley_axes is not None:
-                anchor["dcm"] = _frame_along(robot.pulley_axes[index]).tolist()
+                anchor["dcm"] = frame_along(robot.pulley_axes[index]).tolist()
         anchors.append(anchor)
     platform: dict[str, Any] = {
         "name": "platform",
@@ -208,11 +208,3 @@ def write_cdpyr(robot: ExchangedRobot, folder: Path, name: str) -> list[Path]:
     path = folder / f"{name}.json"
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return [path]
-
-
-def _frame_along(axis: FloatArray) -> FloatArray:
-    """(3, 3) rotation whose z axis is a unit vector."""
-    side = np.eye(3)[int(np.abs(axis).argmin())]
-    x = side - (side @ axis) * axis
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])

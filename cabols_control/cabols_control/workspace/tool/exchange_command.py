@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Subcommands `workspace import` and `workspace export`: robot files of CASPR and cdpyr."""
+"""Subcommands `workspace import` and `workspace export`: robot files of CASPR, WireX and cdpyr."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M
 from cabols_control.errors import CabolsError
 from cabols_control.files.output_folder import output_folder
 from cabols_control.geometry import RigGeometry
 from cabols_control.motion import Motion, motion_of
 from cabols_control.workspace.formats.caspr import read_caspr, write_caspr
 from cabols_control.workspace.formats.cdpyr import read_cdpyr, write_cdpyr
-from cabols_control.workspace.formats.exchanged import ExchangedRobot
+from cabols_control.workspace.formats.exchanged import ExchangedRobot, numbers, xml_tree
+from cabols_control.workspace.formats.wirex import read_wirex, write_wirex
 from cabols_control.workspace.robot import GRAVITY_M_S2, Robot, load_robot
 
 from . import files
 
-WRITERS = {"caspr": write_caspr, "cdpyr": write_cdpyr}
+WRITERS = {"caspr": write_caspr, "cdpyr": write_cdpyr, "wirex": write_wirex}
 
 
 def run_import(options: argparse.Namespace) -> None:
@@ -34,21 +36,38 @@ def run_import(options: argparse.Namespace) -> None:
         CabolsError: naming file and place, if the files are not a robot that is read.
     """
     given = list(options.files)
-    if all(path.suffix == ".xml" for path in given):
-        if len(given) != 2:
-            raise CabolsError(f"files: expected two of CASPR, bodies and cables, got {len(given)}")
-        if "cables" in given[0].name and "bodies" in given[1].name:
-            given.reverse()
-        found = read_caspr(given[0], given[1], options.cable_set)
-    elif len(given) == 1:
-        found = read_cdpyr(given[0])
-    else:
-        raise CabolsError(f"files: expected one of cdpyr, or two of CASPR, got {len(given)}")
+    found = _read(given, options.cable_set)
+    if options.position is not None:
+        found.position = numbers("--position", options.position, 3)
     write_robot(found, options.output, f"Imported from {', '.join(path.name for path in given)}.")
     load_robot(geometry=options.output)
     for note in found.notes:
         print(f"note: {note}")
     print(f"{len(found.base_points)} cables; the robot file is {options.output}")
+
+
+def _read(given: list[Path], cable_set: str) -> ExchangedRobot:
+    """Read the files of one robot, by whatever program."""
+    kinds = sorted(path.suffix for path in given)
+    if kinds == [".xml", ".xml"]:
+        if "cables" in given[0].name and "bodies" in given[1].name:
+            given.reverse()
+        return read_caspr(given[0], given[1], cable_set)
+    if kinds == [".txt", ".xml"]:
+        text, xml = sorted(given, key=lambda path: path.suffix)
+        return read_wirex(xml, text)
+    if kinds == [".txt"]:
+        return read_wirex(given[0])
+    if kinds == [".xml"]:
+        if str(xml_tree(given[0]).tag) in ("bodies_system", "cables"):
+            raise CabolsError("files: expected two of CASPR, bodies and cables, got 1")
+        return read_wirex(given[0])
+    if len(given) != 1:
+        raise CabolsError(
+            f"files: expected one of cdpyr, two of CASPR, one .xml, one .txt or both of WireX, got "
+            f"{len(given)}"
+        )
+    return read_cdpyr(given[0])
 
 
 def write_robot(found: ExchangedRobot, path: Path, comment: str) -> None:
@@ -76,6 +95,8 @@ def write_robot(found: ExchangedRobot, path: Path, comment: str) -> None:
         pulley_radius=found.pulley_radius if found.pulley_radius.size else 0.0,
         pulley_axes=found.pulley_axes,
         motion=motion,
+        cable_length_min=max(found.length_min, MIN_CABLE_LENGTH_M),
+        cable_length_max=found.length_max,
     )
     words: dict[str, Any] = {}
     if found.tension_min is not None and found.tension_max is not None:
@@ -101,10 +122,14 @@ def run_export(options: argparse.Namespace, robot: Robot) -> None:
         lost.append("required_wrench")
     if robot.bodies is not None:
         lost.append("bodies")
-    if np.isfinite(robot.geometry.cable_length_max):
+    if np.isfinite(robot.geometry.cable_length_max) and options.format != "wirex":
         lost.append("cable_length_max")
     if options.format == "cdpyr":
         lost.append("tension_min")
+    if options.format == "wirex":
+        lost.append("the reference pose (import --position)")
+        if np.ptp(robot.tension_min) > 0.0 or np.ptp(robot.tension_max) > 0.0:
+            lost.append("tension limits of each cable (the narrowest are written)")
     with output_folder(options.output, "workspace", keep=True) as folder:
         written = WRITERS[options.format](found, options.output, options.name)
         folder.finish()
@@ -133,4 +158,6 @@ def exchanged_of(robot: Robot) -> ExchangedRobot:
         centre_of_mass=np.array(robot.platform.centre_of_mass),
         pulley_radius=np.array(geometry.pulley_radius),
         pulley_axes=None if axes is None else np.array(axes),
+        length_min=float(geometry.cable_length_min),
+        length_max=float(geometry.cable_length_max),
     )

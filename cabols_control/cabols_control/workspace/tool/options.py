@@ -11,7 +11,7 @@ from cabols_control.command_line import rig_option
 
 DESIGN_PATTERNS = ("alternating", "aligned", "opposed", "given")
 """Families of `cabols_control.workspace.design`; a test holds the two together."""
-EXCHANGED = ("caspr", "cdpyr")
+EXCHANGED = ("caspr", "cdpyr", "wirex")
 """Formats of other programs; likewise."""
 STIFFNESS_POSITIONS = 5
 
@@ -121,7 +121,15 @@ def add_import(parser: argparse.ArgumentParser) -> None:
         "files",
         nargs="+",
         type=Path,
-        help="CASPR: NAME_bodies.xml NAME_cables.xml; cdpyr: one .json or .yaml",
+        help="CASPR: NAME_bodies.xml NAME_cables.xml; WireX: .xml, .txt or both; cdpyr: one .json "
+        "or .yaml",
+    )
+    parser.add_argument(
+        "--position",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="of the reference pose [m], in place of the file's",
     )
     parser.add_argument("--cable-set", default="", help="of CASPR's file (default: its own)")
     parser.add_argument("--output", type=Path, default=Path("robot.yaml"), help="robot file")
