@@ -148,7 +148,7 @@ def node_changes(geometry, method, directions, ends, noise, wrench_noise):
         directions: (k, 6) of the wrenches.
         ends: (k,) how far along them the boundary is.
         noise: (6,) of the pose [m, rad].
-        wrench_noise: of the measured wrench [N, N m].
+        wrench_noise: (6,) of the measured wrench [N, N m].
 
     Returns:
         (m,) largest change of a tension [N], (m,) whether the wrench was ramped, the share of
@@ -171,7 +171,7 @@ def node_changes(geometry, method, directions, ends, noise, wrench_noise):
             before = None
             for part, ramp in zip(way, ramped, strict=True):
                 place = sample()
-                measured = felt + random.normal(0.0, wrench_noise, 6)
+                measured = felt + random.normal(0.0, 1.0, 6) * wrench_noise
                 found = loop.step(OperatingMode.LOADING, *place, part * end * direction, measured)
                 if found is None:
                     before = None
