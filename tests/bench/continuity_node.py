@@ -157,7 +157,7 @@ def node_changes(geometry, method, directions, ends, noise, wrench_noise):
     random = np.random.default_rng(3)
     at, share = geometry.reference_position, 1e-9 * PERIOD_NS / LAG_S
     way, ramped = wanted()
-    changes, ramps, feasible, loop = [], [], [], NodeLoop(method)
+    changes, ramps, feasible, loop, lost = [], [], [], NodeLoop(method), 0
 
     def sample():
         offset = random.normal(0.0, 1.0, 6) * noise
@@ -168,7 +168,7 @@ def node_changes(geometry, method, directions, ends, noise, wrench_noise):
             felt = way[0] * end * direction
             for mode in (OperatingMode.STOPPED, OperatingMode.LOADING):
                 loop.wait_for(mode, mode == OperatingMode.LOADING, *sample(), felt, felt)
-            before = None
+            before, waited = None, loop.lost
             for part, ramp in zip(way, ramped, strict=True):
                 place = sample()
                 measured = felt + random.normal(0.0, 1.0, 6) * wrench_noise
@@ -186,6 +186,7 @@ def node_changes(geometry, method, directions, ends, noise, wrench_noise):
                     ramps.append(ramp)
                     feasible.append(reached)
                 before = tension
+            lost += loop.lost - waited
     finally:
         loop.close()
-    return np.array(changes), np.array(ramps), float(np.mean(feasible)), loop.lost
+    return np.array(changes), np.array(ramps), float(np.mean(feasible)), lost
