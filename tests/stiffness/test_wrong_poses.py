@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of whole poses with one thing wrong, and good ones with a few gross errors."""
+"""Tables of whole poses, or of reflectors, with one thing wrong, and good ones with a few gross errors."""
 
 from __future__ import annotations
 
@@ -68,6 +68,16 @@ def test_what_is_wrong_is_named_first(change, said):
     verdict = identify(change(samples, robot), robot).verdict
     assert not verdict.adequate
     assert said in verdict.findings[0].text
+
+
+def test_exchanged_reflectors_are_named():
+    samples, robot, _ = drawn(replace(POSES, reflectors=3))
+    offset = samples.offset.copy()
+    first, second = samples.reflector == 0, samples.reflector == 1
+    offset[first], offset[second] = samples.offset[second], samples.offset[first]
+    verdict = identify(replace(samples, offset=offset), robot).verdict
+    assert not verdict.adequate
+    assert "reflectors 1 and 2 seem to be exchanged" in verdict.findings[0].text
 
 
 @pytest.mark.parametrize("reflectors", [0, 3])

@@ -50,6 +50,7 @@ class Suspect(StrEnum):
     JOINT_ORDER = "joint_order"
     JOINT_ZERO = "joint_zero"
     ROWS = "rows"
+    REFLECTORS = "reflectors"
     OUTLIERS = "outliers"
 
 

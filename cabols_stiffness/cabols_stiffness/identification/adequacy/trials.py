@@ -15,6 +15,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.naming import number
 from cabols_stiffness.measurements.samples import PointSamples, Samples
 from cabols_stiffness.model.robot import RobotModel
 from cabols_stiffness.model.screws import point_motion, turn
@@ -60,6 +61,9 @@ ANGLE_UNITS = {
     "rad, read as mrad": 1e3,
 }
 """What is multiplied to get what was read: factors to m and rad."""
+
+MOST_REFLECTORS = 5
+"""Reflectors of which pairs are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +119,7 @@ class Statics:
         *,
         elsewhere: bool = False,
         about_base: bool = False,
-        offset: float = 1.0,
+        offset: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Prediction and columns.
 
@@ -131,7 +135,8 @@ class Statics:
             load = load.copy()
             load[:, 3:] -= np.cross(posture.position, load[:, :3])
         if isinstance(samples, PointSamples):
-            arm = offset * np.einsum("kij,kj->ki", posture.rotation, samples.offset)
+            place = samples.offset if offset is None else offset
+            arm = np.einsum("kij,kj->ki", posture.rotation, place)
             predicted, motion = posture.position + arm, point_motion(arm) @ posture.jacobian
         else:
             predicted, motion = np.zeros_like(samples.deflection), posture.jacobian
@@ -179,10 +184,11 @@ class Statics:
     def _of_motion(self) -> Iterator[Trial]:
         predicted, columns = self._with()
         points = isinstance(self.samples, PointSamples)
+        yield from self._of_reflectors()
         for unit, factor in LENGTH_UNITS.items():
             text = f"positions seem to be in {unit}"
-            if points:
-                here, moved = self._with(offset=factor)
+            if isinstance(self.samples, PointSamples):
+                here, moved = self._with(offset=factor * self.samples.offset)
                 yield Trial(Suspect.UNIT, text, here / factor, moved / factor)
             else:
                 scale = np.repeat([1.0 / factor, 1.0], 3)
@@ -206,6 +212,18 @@ class Statics:
                 predicted @ back.T,
                 back @ columns,
             )
+
+    def _of_reflectors(self) -> Iterator[Trial]:
+        """Pairs of reflectors exchanged, of the first few."""
+        if not isinstance(self.samples, PointSamples):
+            return
+        reflector, offset = self.samples.reflector, self.samples.offset
+        for a, b in combinations(np.unique(reflector)[:MOST_REFLECTORS].tolist(), 2):
+            first, second = reflector == a, reflector == b
+            changed = offset.copy()
+            changed[first], changed[second] = offset[second][0], offset[first][0]
+            text = f"reflectors {number(a)} and {number(b)} seem to be exchanged"
+            yield Trial(Suspect.REFLECTORS, text, *self._with(offset=changed))
 
     def _of_joints(self) -> Iterator[Trial]:
         q, robot = self.samples.joints, self.robot
