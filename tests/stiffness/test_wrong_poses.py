@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of whole poses, or of reflectors, with one thing wrong, and good ones with a few gross errors."""
+"""Poses and reflectors with one thing wrong, and good ones with a few gross errors."""
 
 from __future__ import annotations
 
