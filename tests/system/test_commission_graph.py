@@ -34,7 +34,7 @@ def commission(folder, *words):
 
 
 def test_limb_is_identified_and_what_is_written_loads(tmp_path, rig, plant_config):
-    words = ("--limb", str(LIMB + 1), "--speed", "0.4", "--ramp-tension", "25")
+    words = ("--limb", str(LIMB + 1), "--speed", "0.25", "--ramp-tension", "25")
     done = commission(tmp_path / "out", *words)
     assert done.returncode == 0, done.stdout + done.stderr
     for phase in ("slacken", "step", "coast", "back", "pre-tightening", "ramp"):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from cabols_msgs.srv import SetMode
+from std_srvs.srv import Trigger
 
 from cabols_control.result_code import ResultCode
 from cabols_control.rig_folder import rig_file
@@ -28,6 +29,10 @@ def slack(folder):
     path = folder / "plant.yaml"
     path.write_text(yaml.safe_dump(content), "utf-8")
     return str(path)
+
+
+STALLED = ("command_age", "state_age", "tension_age", "mode_age")
+"""Faults of a computer that stalls, which is no finding here: the check is made again."""
 
 
 def asked(watcher, mode):
@@ -55,6 +60,18 @@ def test_nothing_else_moves_before_the_check_has_passed(tmp_path, monkeypatch):
         told.append(done.stdout + done.stderr)
         return done.returncode
 
+    def passes(watcher):
+        """Whether the check passes; what a stalled computer ends is begun again."""
+        for _ in range(5):
+            if check(watcher) == 0:
+                return True
+            if watcher.seen["mode"][-1].fault not in STALLED:
+                return False
+            watcher.wait(
+                lambda: watcher.call(Trigger, "reset", Trigger.Request()).success, "the reset"
+            )
+        return False
+
     def scenario(watcher, pids):
         watcher.wait(lambda: watcher.seen["limb_state"], "a limb state")
         watcher.wait(
@@ -65,7 +82,7 @@ def test_nothing_else_moves_before_the_check_has_passed(tmp_path, monkeypatch):
             answer = asked(watcher, OperatingMode[mode])
             assert not answer.success
             assert answer.code in (ResultCode.FAULT_REPORTED, ResultCode.NOT_READY)
-        assert check(watcher) == 0, told
+        assert passes(watcher), told
         answer = asked(watcher, OperatingMode.PRETIGHTENING)
         watcher.wait(lambda: asked(watcher, OperatingMode.PRETIGHTENING).success, "pre-tightening")
 
