@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cabols_msgs.msg import ReflectorMeasurement
 from scipy.spatial.transform import Rotation
 
-from cabols_control.pose_agreement import Fault, LimbSample, State, Suspect
+from cabols_control.nodes.pose_estimator import reading_of
+from cabols_control.pose_agreement import Fault, LimbSample, Measured, State, Suspect
 from pose_sources import PERIOD_S, Sources
 
 
@@ -144,3 +146,26 @@ def test_another_run_of_the_bridge_begins_anew():
     assert until_named(sources, 2.0)[0] is not None
     sources.now, sources.slip[1] = 0.0, 0.0
     assert sources.run(3.0).state is State.AGREE
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e12, -1e12, 1e300])
+def test_numbers_of_no_rig_are_left_out(number):
+    """A limb state or a measurement with them ends no node, and leaves nothing behind."""
+    sources = Sources(2)
+    sources.run(1.0)
+    estimator, now_s = sources.estimator, sources.now
+    place, wound = np.full(3, number), np.zeros(8)
+    wound[3] = number
+    estimator.limbs(LimbSample(now_s + 1e-3, wound, np.full(8, 0.01), 1))
+    estimator.limbs(LimbSample(now_s + 1e-3, np.zeros(8), np.full(8, number), 1))
+    message = ReflectorMeasurement(success=True, covariance=np.full(9, number))
+    for reading in (
+        reading_of(message),
+        Measured(now_s - 0.1, now_s, 0, place, 1e-5),
+        Measured(now_s - 0.1, now_s, 0, np.zeros(3), number),
+        Measured(number, number, 0, np.zeros(3), 1e-5),
+    ):
+        estimator.measured(reading)
+    found = sources.run(1.0)
+    assert found.state is State.AGREE
+    assert found.readings == 0

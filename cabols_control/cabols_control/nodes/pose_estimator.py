@@ -164,7 +164,9 @@ def reading_of(message: ReflectorMeasurement) -> Measured:
     half = 0.5 * float(message.averaging_time)
     position = np.array([message.position.x, message.position.y, message.position.z])
     covariance = np.asarray(message.covariance, dtype=np.float64).reshape(3, 3)
-    std = float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
+    std = np.nan
+    if np.isfinite(covariance).all():
+        std = float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
     return Measured(middle - half, middle + half, int(message.reflector), position, std)
 
 

@@ -24,6 +24,8 @@ from .monitor import Agreement, AgreementMonitor
 from .noise import AgreementNoise
 from .tracker import Compared, Reading, TrackerNoise
 
+FARTHEST_M = 100.0
+"""Lengths and places beyond this are no numbers of a rig [m]."""
 STALE_S = 1.0
 """Without a complete sample for so long, nothing is known [s]."""
 WAITING_READINGS = 20
@@ -158,11 +160,15 @@ class PoseEstimator:
         self._last: tuple[float, Agreement] | None = None
 
     def limbs(self, sample: LimbSample) -> None:
-        """Take a sample of the limbs.
+        """Take a sample of the limbs; one with lengths of no rig is left out.
 
         Args:
             sample: of them.
         """
+        # Written so that NaN is left out, but for an elongation without a zero.
+        usable = np.isfinite(sample.time) and (np.abs(sample.wound) <= FARTHEST_M).all()
+        if not usable or (np.abs(sample.elongation) > FARTHEST_M).any():
+            return
         if sample.time < self._newest_s:
             self._zeroing, self._last = 0, None
             self._waiting.clear()
@@ -170,12 +176,14 @@ class PoseEstimator:
         self.joiner.limbs(sample)
 
     def measured(self, reading: Measured) -> None:
-        """Take a reading of the tracker.
+        """Take a reading of the tracker; one with numbers of no rig is left out.
 
         Args:
             reading: one that succeeded.
         """
-        if 0 <= reading.reflector < len(self._frames.reflectors):
+        usable = np.isfinite([reading.begin, reading.end]).all() and 0.0 <= reading.std < np.inf
+        usable = usable and (np.abs([*reading.position, reading.std]) <= FARTHEST_M).all()
+        if usable and 0 <= reading.reflector < len(self._frames.reflectors):
             self._waiting.append(reading)
 
     def look(self) -> Estimate:
