@@ -236,6 +236,17 @@ def test_a_session_keeps_what_its_runs_taught(tmp_path):
     np.testing.assert_array_equal(again.reference.wrench, plain.reference.wrench)
 
 
+def test_runs_that_add_nothing_are_counted(tmp_path):
+    """A programme that nothing is added to is the same object run after run."""
+    plain, school = shape_program(program(), RIG.control), School(RIG, 0.0, tmp_path)
+    for run in (1, 2, 3):
+        assert school.apply(plain, *PLACE) is plain
+        school.begin(plain)
+        for time_s, wrench in zip(plain.smoothed.time, plain.smoothed.wrench, strict=True):
+            school.note(time_s, wrench)
+        assert school.finish().startswith(f"run {run} of this programme")
+
+
 def test_a_run_that_was_cut_is_not_learnt_from(tmp_path):
     plain = shape_program(program(), RIG.control)
     school = School(RIG, 0.0, tmp_path)

@@ -141,7 +141,8 @@ class School:
             program: that `apply` gave; another one teaches nothing.
         """
         found = [lesson for lesson in self._ready if lesson.followed is program]
-        self._now = found[0] if found else None
+        # The newest: what nothing is added to is the same programme run after run.
+        self._now = found[-1] if found else None
         self._times, self._wrenches, self._ages, self._moved = [], [], [], False
 
     def note_pose(self, position: FloatArray, rotation: FloatArray) -> None:
