@@ -179,6 +179,7 @@ MAY_REMOVE = {
     "cabols_control/cabols_control/bringup/processes.py": "logs of the same nodes before",
     "tests/bench/life_cycle.py": "bags and logs of its own starts that ended well",
     "tests/bench/bench_calibration.py": "its own rows, when asked to begin anew",
+    "tests/bench/bench_pose_faults.py": "its own rows, when asked to begin anew",
     "tests/bench/bench_analysis.py": "bags that it has just written into its own folder",
 }
 

@@ -151,8 +151,8 @@ def _read_text(path: Path) -> tuple[ExchangedRobot, bool]:
         raise DataFileError(f"{path}: expected UTF-8 text, got {error}") from error
     values: dict[str, float] = {}
     points: dict[tuple[str, int], FloatArray] = {}
-    for number, line in enumerate(lines, 1):
-        words = line.split("//")[0].split()
+    for number, entry in enumerate(lines, 1):
+        words = entry.split("//")[0].split()
         if not words:
             continue
         where, key = f"{path}:{number}", words[0]
