@@ -74,7 +74,7 @@ def _inside(base: FloatArray, planar: bool) -> FloatArray:
     sides = np.ptp(base, axis=0)
     if not planar and not sides[2] > LEVEL * sides.max():
         middle[2] -= 0.5 * float(sides.max())
-    return np.asarray(middle)
+    return np.asarray(np.round(middle, 12) + 0.0)
 
 
 def _read_xml(path: Path) -> tuple[ExchangedRobot, bool]:
