@@ -41,6 +41,7 @@ class Board:
 
     Attributes:
         now_ns: of the clock that both the card and the test read.
+        drift: of the computer's clock against it [s/s].
         gauges, counts, lines: what the inputs see; counts may be any whole numbers.
         volts: (8,) of the outputs.
         levels: (32,) of the digital lines that are outputs; others are pulled high.
@@ -50,6 +51,7 @@ class Board:
 
     def __init__(self):
         self.now_ns = 5_000_000_000
+        self.drift = 0.0
         self.gauges, self.counts = np.zeros(8), np.zeros(8, dtype=np.int64)
         self.lines = np.ones(32, dtype=bool)
         self.volts = np.zeros(8)
@@ -66,7 +68,7 @@ class Board:
         self.task = None
 
     def clock_ns(self):
-        return self.now_ns
+        return self.now_ns + int(self.drift * self.now_ns)
 
     @property
     def enabled(self):

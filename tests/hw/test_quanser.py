@@ -333,6 +333,37 @@ def test_drifting_clocks_are_not_lateness(drift):
     assert lateness.behind_ns(30_000, int(30_000 * MS * (1.0 + drift)) + 7 * MS) > 6.9 * MS
 
 
+@pytest.mark.parametrize("drift", [-8e-5, 0.0, 5e-5, 1.5e-4])
+def test_stamps_follow_the_computers_clock(drift):
+    """Five minutes, read late by chance, with stalls: the robot's poses are on that clock."""
+    rng = np.random.default_rng(2)
+    lateness, n = Lateness(MS), 300_000
+    truth = np.arange(n) * MS * (1.0 + drift)
+    late = rng.exponential(40_000.0, n)
+    late[rng.integers(0, n, 60)] += rng.uniform(1.0, 20.0, 60) * MS
+    late[:20] += 5.0 * MS
+    drifted = np.empty(n)
+    for k, now in enumerate((truth + late).astype(np.int64).tolist()):
+        lateness.behind_ns(k, now)
+        drifted[k] = lateness.drifted_ns
+    stamps = np.arange(n) * MS + drifted
+    assert np.abs(stamps - truth)[2000:].max() < 0.2 * MS
+    periods = np.diff(stamps)
+    assert np.abs(periods - MS).max() <= 2.1e-4 * MS
+    assert abs(periods[2000:].mean() - MS * (1.0 + drift)) < 2.0
+
+
+def test_samples_are_stamped_by_the_computers_clock(open_card, board):
+    """The card's crystal is slow by 100 parts in a million: its stamps are not."""
+    board.drift = 1e-4
+    daq = open_card()
+    daq.start(0.010)
+    first = daq.read().time_ns
+    for _ in range(20_000):
+        newest = daq.read().time_ns
+    assert newest - first == pytest.approx(20_000 * MS * (1.0 + 1e-4), abs=0.2 * MS)
+
+
 def test_reader_and_writer_threads(running, board):
     """Writing goes on while another thread reads; none of the calls that output overlap."""
     inside = threading.Lock()

@@ -212,7 +212,7 @@ class QuanserQ8:
         half = ENCODER_MODULUS // 2
         counts = self._counts[last].astype(np.int64)
         return CardSample(
-            self._epoch_ns + self._index * self._period_ns,
+            self._epoch_ns + self._index * self._period_ns + self._lateness.drifted_ns,
             (counts + half) % ENCODER_MODULUS - half,
             self._analog[last].copy(),
             self._levels[last] != 0,
