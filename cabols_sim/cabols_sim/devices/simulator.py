@@ -16,7 +16,7 @@ from dataclasses import replace
 from cabols_control import end_signals
 from cabols_control.command_line import CommandParser, command, existing_file, rig_option
 from cabols_control.errors import CabolsError
-from cabols_control.realtime.scheduling import Scheduling, apply_scheduling
+from cabols_control.realtime.scheduling import Scheduling, apply_scheduling, freeze_garbage
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.abb.heartbeat import SILENCE_S
 from cabols_sim.devices.abb.controller import PASSWORD, USER, AbbController
@@ -142,6 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ports = {"link": options.link_port, **_ports(controller, options)}
     if tracker is not None:
         ports["tracker"] = tracker.start()
+    freeze_garbage(goes_on=True)
     # Not before: the start takes a second of a core, which nodes that run already need.
     scheduling = Scheduling(fifo_priority=options.fifo_priority, cpu=options.cpu)
     apply_scheduling(scheduling, lambda text: print(f"warning: {text}", file=sys.stderr))
