@@ -22,6 +22,7 @@ from cabols_control.load_programs.learning import is_same_place
 from cabols_control.load_programs.motor_demand import fastest_preview
 from cabols_control.load_programs.preview import ShapedProgram, as_given, check_length
 from cabols_control.load_programs.programs import load_program
+from cabols_control.realtime.scheduling import be_ordinary
 from cabols_control.result_code import ResultCode
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
@@ -118,6 +119,9 @@ class LoadProgramNode(ControlNode):
         Raises:
             CabolsError: if it cannot be used.
         """
+        # Ten minutes of a programme take a second to shape: not before the supervisor, which then
+        # would be silent for too long.
+        be_ordinary()
         program = asked = load_program(name).scaled(scale or 1.0)
         if frame:
             # Linear, so that smoothing and preview are the same in every frame.
