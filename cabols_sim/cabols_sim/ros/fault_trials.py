@@ -35,6 +35,14 @@ MOVING_S, SETTLE_S = 1.2, 0.4
 FROZEN_S = 1.0
 """Shortest wall time of a frozen process [s]."""
 
+MODES = {
+    LOADING: OperatingMode.LOADING,
+    "free": OperatingMode.FREE_MOVING,
+    "robot moves": OperatingMode.FREE_MOVING,
+    "stopped": OperatingMode.STOPPED,
+}
+"""Mode of a state that lasts, when the fault comes."""
+
 
 class Trials:
     """One rig, many trials."""
@@ -66,6 +74,10 @@ class Trials:
         time.sleep(random.uniform(0.0, 0.2))
         if watch.complaints:
             raise RigError(f"disturbed before the fault: {watch.complaints[0].reason}")
+        meant = MODES.get(kind.state)
+        if meant is not None and watch.mode != meant:
+            # A report that came while the rig settled has been forgotten.
+            raise RigError(f"disturbed before the fault: expected {meant.name}, got {watch.mode}")
         limbs = kind.pick_limbs(random, watch.tension)
         fault_s = self._strike(kind, limbs, kind.value(random), handle)
         self._watch_out(kind, fault_s)
