@@ -17,9 +17,6 @@ MCL_CURRENT_AND_FUTURE = 3
 PM_QOS = Path("/dev/cpu_dma_latency")
 """File of the latency limit, which the kernel observes as long as the file is open."""
 
-M_TRIM_THRESHOLD, M_MMAP_MAX = -1, -4
-"""Of malloc.h."""
-
 
 @dataclass(frozen=True)
 class Scheduling:
@@ -60,7 +57,6 @@ def apply_scheduling(scheduling: Scheduling, warn: Callable[[str], object]) -> N
             "/etc/security/limits.conf)",
             warn,
         )
-        _keep_memory()
     if scheduling.lock_memory:
         libc = ctypes.CDLL(None, use_errno=True)
         if libc.mlockall(MCL_CURRENT_AND_FUTURE) != 0:
@@ -68,17 +64,6 @@ def apply_scheduling(scheduling: Scheduling, warn: Callable[[str], object]) -> N
             warn(f"memory not locked ({reason}): allow it with `ulimit -l unlimited`")
     if scheduling.cpu_latency_us >= 0:
         _limit_wake_up(scheduling.cpu_latency_us, warn)
-
-
-def _keep_memory() -> None:
-    """Let malloc give no memory back: the kernel's work for that holds up whoever is on the core.
-
-    Source: mallopt(3); the recipe of the kernel's documentation for real-time applications.
-    """
-    with suppress(AttributeError, OSError):
-        libc = ctypes.CDLL(None)
-        libc.mallopt(M_TRIM_THRESHOLD, -1)
-        libc.mallopt(M_MMAP_MAX, 0)
 
 
 def give_back() -> None:
