@@ -15,9 +15,11 @@ parameters (errors whitened by the stated covariance), counted beside. Resumes: 
 from __future__ import annotations
 
 import argparse
-import json
+import sys
 from dataclasses import replace
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
 import numpy as np
 from record import write_figures
@@ -38,6 +40,7 @@ from cabols_control.workspace.bodies import load_bodies
 from cabols_control.workspace.capacity import capacity_along
 from cabols_control.workspace.interference import clearance_along
 from cabols_control.workspace.wrench_set import wrench_box
+from line_journal import LineJournal
 
 RADIUS_M, WEIGHT_N, FREE_TENSION_N, TENSION_N = 0.04, 20.0, 7.0, 50.0
 STOPS, LOADS, CANDIDATES = 60, 3, 400
@@ -225,19 +228,13 @@ def main() -> int:
     parser.add_argument("--fresh", action="store_true", help="run all anew")
     parser.add_argument("--output", type=Path, default=Path("build/bench/calibration.json"))
     options = parser.parse_args()
-    rows = options.output.with_suffix(".rows.jsonl")
-    rows.parent.mkdir(parents=True, exist_ok=True)
-    if options.fresh:
-        rows.unlink(missing_ok=True)
-    done = [json.loads(line) for line in rows.read_text().splitlines()] if rows.exists() else []
+    kept = LineJournal(options.output.with_suffix(".jsonl"), options.fresh)
     wanted = 20 if options.short else options.rigs
     study = Study()
-    with rows.open("a", encoding="utf-8") as file:
-        for seed in range(len(done), wanted):
-            done.append(study.run(seed))
-            file.write(json.dumps(done[-1]) + "\n")
-            file.flush()
-    figures = summarise(done[:wanted])
+    for seed in range(wanted):
+        if seed not in kept.found:
+            kept.add(seed, **study.run(seed))
+    figures = summarise([kept.found[seed] for seed in range(wanted)])
     figures["lengths_alone_points_bound_mm"] = study.free_bound()
     print_figures(figures)
     write_figures(options.output, figures)

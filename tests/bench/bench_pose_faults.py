@@ -21,7 +21,6 @@ again.
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
 from pathlib import Path
@@ -30,6 +29,8 @@ import numpy as np
 import rclpy
 from cabols_msgs.msg import PoseAgreement
 from record import write_figures
+
+from line_journal import LineJournal
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
 
@@ -211,28 +212,22 @@ def main() -> int:
     parser.add_argument("--fresh", action="store_true", help="run all anew")
     parser.add_argument("--output", type=Path, default=Path("build/bench/pose_faults.json"))
     options = parser.parse_args()
-    kept = options.output.with_suffix(".rows.jsonl")
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    if options.fresh:
-        kept.unlink(missing_ok=True)
-    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    kept = LineJournal(options.output.with_suffix(".jsonl"), options.fresh)
     trials, pieces = (SHORT_TRIALS, 1) if options.short else (TRIALS, PIECES)
     seconds = SHORT_S if options.short else PIECE_S
     wanted = [(kind, seed) for seed in range(trials) for kind in KINDS]
     wanted += [("healthy", seed) for seed in range(pieces)]
-    done = {(row["kind"], row["seed"]): row for row in rows}
     rclpy.init(args=["--ros-args", "-p", "robot:=true", "--log-level", "error"])
-    with kept.open("a", encoding="utf-8") as file:
-        for kind, seed in wanted:
-            row = done.get((kind, seed))
-            if row is None or row.get("seconds", seconds) < seconds:
-                row = healthy(seconds, seed) if kind == "healthy" else trial(kind, seed)
-                done[kind, seed] = row
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-    lines, failed = table([done[key] for key in wanted])
+    rows = []
+    for kind, seed in wanted:
+        key = f"{kind} {seed}"
+        row = kept.found.get(key)
+        if row is None or row.get("seconds", seconds) < seconds:
+            kept.add(key, **(healthy(seconds, seed) if kind == "healthy" else trial(kind, seed)))
+        rows.append(kept.found[key])
+    lines, failed = table(rows)
     print("\n".join(lines))
-    write_figures(options.output, {"table": lines, "rows": [done[key] for key in wanted]})
+    write_figures(options.output, {"table": lines, "rows": rows})
     return int(failed)
 
 
