@@ -9,6 +9,7 @@ from cabols_control.topics import NAMESPACE, RECORDED
 
 OF_EVERY_NODE = ("rig", "geometry_file", "limbs_file", "control_file")
 """Arguments of every node: which rig it is."""
+LOAD_RIG = "cabols_control.rig:load_rig"
 OF_EVERY_LOOP = (*OF_EVERY_NODE, "fifo_priority", "lock_memory")
 """Of every node that gets a real-time priority: all but the console."""
 
@@ -158,9 +159,27 @@ ARGUMENTS = (
         choices=("debug", "info", "warn", "error", "fatal"),
     ),
     Argument("rig", BENCH, "name of an installed rig, or folder of a rig"),
-    Argument("geometry_file", "", "YAML of the geometry; empty: the rig's"),
-    Argument("limbs_file", "", "YAML of the limbs; empty: the rig's"),
-    Argument("control_file", "", "YAML of the control design; empty: the rig's"),
+    Argument(
+        "geometry_file",
+        "",
+        "YAML of the geometry; empty: the rig's",
+        reader=LOAD_RIG,
+        keyword="geometry",
+    ),
+    Argument(
+        "limbs_file",
+        "",
+        "YAML of the limbs; empty: the rig's",
+        reader=LOAD_RIG,
+        keyword="limbs",
+    ),
+    Argument(
+        "control_file",
+        "",
+        "YAML of the control design; empty: the rig's",
+        reader=LOAD_RIG,
+        keyword="control",
+    ),
     Argument(
         "command_timeout",
         0.0,

@@ -7,8 +7,7 @@ read it. Each node's section may also be given to `ros2 run` by `--params-file`.
 
 from __future__ import annotations
 
-import ast
-import difflib
+import importlib
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -22,14 +21,19 @@ from cabols_control.bringup.graph import all_arguments, all_nodes, with_argument
 from cabols_control.bringup.specs import NodeSpec
 from cabols_control.bringup_nodes import OF_EVERY_NODE
 from cabols_control.command_line import DONE, CommandParser, command
-from cabols_control.declared_parameters import DeclaredParameter, declared_parameters
-from cabols_control.errors import ConfigError
-from cabols_control.files.strict_yaml import parse, shown
+from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.params_reader import (
+    SECTION,
+    default_of,
+    parameters_of,
+    read_params_file,
+    rows_of,
+)
+from cabols_control.rig_folder import BENCH
 
 TEXT = """Write a YAML file of all parameters of all nodes, with their defaults.
 
 Change what you need, delete the rest, and give it to a launch file: params_file:=FILE."""
-SECTION = "ros__parameters"
 ANYWHERE = "/**/"
 """Before a node's name: in any namespace."""
 OF_THE_LAUNCH = (
@@ -57,12 +61,13 @@ def complete(
     """
     nodes = with_arguments(graph, dict(values))
     path = str(values.get("params_file", ""))
-    if path:
-        nodes = _with_file(graph, nodes, Path(path), typed)
     defaults = {argument.name: argument.default for argument in all_arguments()}
-    _check_same_rig(nodes, defaults)
-    nodes = chosen(nodes, str(values.get("nodes", defaults["nodes"])))
     namespace = str(values.get("namespace", defaults["namespace"]))
+    if path:
+        nodes = _with_file(graph, nodes, Path(path), typed, namespace)
+    _check_same_rig(nodes, defaults)
+    check_files(nodes)
+    nodes = chosen(nodes, str(values.get("nodes", defaults["nodes"])))
     level = str(values.get("log_level", defaults["log_level"]))
     return [
         replace(
@@ -74,6 +79,36 @@ def complete(
         else node
         for node in nodes
     ]
+
+
+def check_files(nodes: Sequence[NodeSpec]) -> None:
+    """Read the files that nodes are given in place of their rig's, and a rig that is not the bench.
+
+    Args:
+        nodes: of a graph, with their parameters; all of one rig.
+
+    Raises:
+        ConfigError: naming every file that cannot be used.
+    """
+    calls: dict[tuple[str, str], dict[str, str]] = {}
+    for node in nodes:
+        given = {**node.options, **node.parameters}
+        for argument in all_arguments():
+            if argument.reader and argument.name in node.takes:
+                rig = str(given.get("rig", BENCH))
+                path = str(given.get(argument.parameter or argument.name, ""))
+                of_all = argument.name in OF_EVERY_NODE and rig != BENCH
+                if path or of_all:
+                    calls.setdefault((argument.reader, rig), {})[argument.keyword] = path
+    wrong: list[str] = []
+    for (reader, rig), paths in calls.items():
+        module, _, function = reader.partition(":")
+        try:
+            getattr(importlib.import_module(module), function)(rig, **paths)
+        except CabolsError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise ConfigError("; ".join(wrong))
 
 
 def chosen(graph: Sequence[NodeSpec], names: str) -> list[NodeSpec]:
@@ -113,9 +148,13 @@ def _check_same_rig(nodes: Sequence[NodeSpec], defaults: Mapping[str, Any]) -> N
 
 
 def _with_file(
-    graph: Sequence[NodeSpec], nodes: Sequence[NodeSpec], path: Path, typed: Collection[str]
+    graph: Sequence[NodeSpec],
+    nodes: Sequence[NodeSpec],
+    path: Path,
+    typed: Collection[str],
+    namespace: str,
 ) -> list[NodeSpec]:
-    given = read_params_file(path)
+    given = read_params_file(path, namespace)
     wrong: list[str] = []
     found = []
     for own, node in zip(graph, nodes, strict=True):
@@ -127,127 +166,12 @@ def _with_file(
                         f"{node.executable}: {name} is set by the launch itself to "
                         f"{own.parameters[name]!r}, got {value!r}; leave it out"
                     )
-            elif not _argument_of(node, name) & set(typed):
+            elif not {row.name for row in rows_of(node, name)} & set(typed):
                 parameters[name] = value
         found.append(replace(node, parameters=parameters))
     if wrong:
         raise ConfigError(f"{path}: {'; '.join(wrong)}")
     return found
-
-
-def _argument_of(node: NodeSpec, parameter: str) -> set[str]:
-    """Names of the arguments that give a node's parameter."""
-    return {
-        a.name
-        for a in all_arguments()
-        if a.name in node.takes and (a.parameter or a.name) == parameter
-    }
-
-
-def read_params_file(path: Path) -> dict[str, dict[str, Any]]:
-    """Read a file of parameters.
-
-    Args:
-        path: of the YAML file.
-
-    Returns:
-        Values by parameter, by the executable's name, in the types that the nodes declare.
-
-    Raises:
-        ConfigError: naming every node, parameter and value that cannot be used.
-    """
-    try:
-        content = parse(path.read_text(encoding="utf-8")).content
-    except (OSError, UnicodeDecodeError, ConfigError) as error:
-        raise ConfigError(f"{path}: expected a YAML file of parameters, got {error}") from error
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: expected nodes with their parameters, got {shown(content)}")
-    nodes = {node.executable: node for node in all_nodes() if node.joins}
-    found: dict[str, dict[str, Any]] = {}
-    wrong: list[str] = []
-    for target, section in content.items():
-        name = str(target).rpartition("/")[2]
-        if name not in nodes:
-            wrong.append(f"{target}: there is no such node{_close(name, nodes)}")
-            continue
-        if section is None or section == {SECTION: None}:
-            continue  # every line of it has been deleted
-        given = section.get(SECTION) if isinstance(section, dict) else None
-        if not isinstance(given, dict) or set(section) != {SECTION}:
-            wrong.append(f"{target}: expected {SECTION} with parameters, got {shown(section)}")
-            continue
-        known = {p.name: p for p in parameters_of(nodes[name])}
-        for parameter, value in given.items():
-            if parameter not in known:
-                wrong.append(f"{name}: there is no parameter {parameter}{_close(parameter, known)}")
-                continue
-            try:
-                found.setdefault(name, {})[parameter] = _typed(known[parameter], value)
-            except ConfigError as error:
-                wrong.append(f"{name}: {error}")
-    if wrong:
-        raise ConfigError(f"{path}: {'; '.join(wrong)}")
-    return found
-
-
-def _close(name: Any, known: Collection[str]) -> str:
-    close = difflib.get_close_matches(str(name), known, 1)
-    return f"; did you mean {close[0]}?" if close else f"; there are {', '.join(sorted(known))}"
-
-
-def parameters_of(node: NodeSpec) -> list[DeclaredParameter]:
-    """Parameters that a node declares, by name."""
-    return declared_parameters(f"{node.package}.nodes.{node.executable}")
-
-
-def default_of(parameter: DeclaredParameter) -> Any:
-    """Return a parameter's default, of its type; None if its source does not say it."""
-    try:
-        return ast.literal_eval(parameter.default)
-    except ValueError:
-        pass
-    try:
-        tree = ast.parse(parameter.default, mode="eval").body
-        if isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Mult):
-            return list(ast.literal_eval(tree.left)) * int(ast.literal_eval(tree.right))
-    except (ValueError, SyntaxError):
-        pass
-    return None
-
-
-def _typed(parameter: DeclaredParameter, value: Any) -> Any:
-    """Return a value in its parameter's type.
-
-    Raises:
-        ConfigError: if it is of another one, or out of the bounds.
-    """
-    default = default_of(parameter)
-    what = f"{parameter.name}: expected {_kind(default)}, got {shown(value)}"
-    if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if isinstance(default, list) and isinstance(value, list) and default:
-        if isinstance(default[0], float):
-            value = [float(v) if type(v) is int else v for v in value]
-        if any(type(v) is not type(default[0]) for v in value):
-            raise ConfigError(what)
-    if type(value) is not (list if default is None else type(default)):
-        raise ConfigError(what)
-    if parameter.bounds:
-        low, high = ast.literal_eval(f"({parameter.bounds})")
-        for number in value if isinstance(value, list) else [value]:
-            if not low <= number <= high:
-                raise ConfigError(f"{parameter.name}: expected {low:g} to {high:g}, got {number!r}")
-    if parameter.name.endswith("_file") and value and not Path(str(value)).expanduser().is_file():
-        raise ConfigError(f"{parameter.name}: expected a file, found none at {value}")
-    return str(Path(str(value)).expanduser()) if str(value).startswith("~") else value
-
-
-def _kind(default: Any) -> str:
-    kinds = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
-    if isinstance(default, list):
-        of = kinds.get(type(default[0]), "values") if default else "values"
-        return f"a list, each {of}"
-    return kinds.get(type(default), "a list")
 
 
 def params_text(nodes: Sequence[NodeSpec]) -> str:

@@ -6,6 +6,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import Enum
+from importlib.util import find_spec
+from pathlib import Path
 
 NAMESPACE = "/cabols"
 LIVE = "live/"
@@ -287,6 +289,10 @@ FOREIGN = {
 """ROS's own topics, which a recorder can take besides the graph's."""
 
 
+TOPIC_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+TYPE_NAME = re.compile(r"[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
+
+
 def foreign_row(text: str) -> Topic:
     """Return the row of a topic that is none of the graph's table.
 
@@ -295,15 +301,28 @@ def foreign_row(text: str) -> Topic:
             it begins with a slash.
 
     Raises:
-        ValueError: if it is neither.
+        ValueError: if it is neither, or a name of the graph's own.
     """
     name, colon, type_name = text.partition(":")
     if not colon and name in FOREIGN:
         return FOREIGN[name]
-    if not (name and re.fullmatch(r"[a-z]\w*/msg/[A-Z]\w*", type_name)):
+    if not (TOPIC_NAME.fullmatch(name) and TYPE_NAME.fullmatch(type_name)):
         raise ValueError(f"expected {', '.join(FOREIGN)} or NAME:PACKAGE/msg/TYPE, got {text!r}")
+    if name in (*TOPICS, *FOREIGN):
+        raise ValueError(f"expected a topic of the site, got {name!r}, whose type is known here")
     # Matches publishers of every quality.
     return Topic(name, type_name, Quality.LIVE, "of the site")
+
+
+def type_is_installed(name: str) -> bool:
+    """Whether a message type, PACKAGE/msg/TYPE, can be imported; imports nothing."""
+    package, _, kind = name.split("/")
+    found = find_spec(package)
+    for folder in () if found is None else found.submodule_search_locations or ():
+        listed = Path(folder, "msg", "__init__.py")
+        if listed.is_file() and re.search(rf"\b{kind}\b", listed.read_text(encoding="utf-8")):
+            return True
+    return False
 
 
 def topic_row(name: str) -> Topic:

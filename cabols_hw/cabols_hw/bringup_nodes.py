@@ -52,8 +52,18 @@ ROBOT = NodeSpec(
     fifo_below=2,
 )
 ARGUMENTS = (
-    Argument("card_file", "", "YAML of the card's scaling; empty: the rig's"),
-    Argument("safety_file", "", "YAML of the safety envelope; empty: the rig's"),
+    Argument(
+        "card_file",
+        "",
+        "YAML of the card's scaling; empty: the rig's",
+        reader="cabols_hw.card.config:load_card",
+    ),
+    Argument(
+        "safety_file",
+        "",
+        "YAML of the safety envelope; empty: the rig's",
+        reader="cabols_hw.safety.config:load_safety",
+    ),
     Argument(
         "bias_file",
         "",
@@ -77,8 +87,14 @@ ARGUMENTS = (
         "robot_configurations_file",
         "",
         "YAML of the robot's stored configurations; empty: the rig's",
+        reader="cabols_hw.abb.configurations:load_configurations",
     ),
-    Argument("tracker_file", "", "YAML of the laser tracker; empty: the rig's"),
+    Argument(
+        "tracker_file",
+        "",
+        "YAML of the laser tracker; empty: the rig's",
+        reader="cabols_hw.tracker.config:load_tracker_config",
+    ),
     Argument("robot_address", "127.0.0.1", "IP of the robot's controller", kinds=("rig",)),
     Argument(
         "robot_maker", "abb", "abb: EGM and Robot Web Services; ur: RTDE", choices=("abb", "ur")

@@ -47,7 +47,13 @@ DEVICES = NodeSpec(
     fifo_below=2,
 )
 ARGUMENTS = (
-    Argument("plant_file", "", "YAML of the plant; empty: the rig's", kinds=("bench",)),
+    Argument(
+        "plant_file",
+        "",
+        "YAML of the plant; empty: the rig's",
+        kinds=("bench",),
+        reader="cabols_sim.plant.config:load_plant",
+    ),
     Argument("linear", False, "simulate the linear plant", kinds=("bench",)),
     Argument(
         "seed",
@@ -57,7 +63,13 @@ ARGUMENTS = (
         bounds=(0, 2147483647),
     ),
     Argument("robot", True, "simulate robot and tracker; false: a rigid target", kinds=("bench",)),
-    Argument("robot_file", "", "YAML of the robot's truth; empty: the rig's", kinds=("bench",)),
+    Argument(
+        "robot_file",
+        "",
+        "YAML of the robot's truth; empty: the rig's",
+        kinds=("bench",),
+        reader="cabols_sim.devices.robot.robot_config:load_robot_truth",
+    ),
     Argument(
         "robot_watch",
         0.1,

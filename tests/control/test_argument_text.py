@@ -9,7 +9,9 @@ import pytest
 
 from cabols_control.bringup.argument_text import others, read_argument, read_arguments
 from cabols_control.bringup.graph import all_arguments
+from cabols_control.bringup.network_names import domain_id
 from cabols_control.errors import ConfigError
+from cabols_sim.bench.run import ports_of
 
 ARGUMENTS = all_arguments()
 NUMBERS = [a for a in ARGUMENTS if type(a.default) in (int, float)]
@@ -109,3 +111,70 @@ def test_names_of_a_launch_file_that_includes_ours_are_its_own():
     assert others(names, typed, ["python3", "-m", "x"]) == ["lab_room"]
     theirs = ["ros2", "launch", str(Path("lab") / "all.launch.py"), *typed]
     assert others(names, typed, theirs) == names
+
+
+TEXTS = {
+    "namespace": ("/rig2 /a/b /_rig /rig__2", "/ rig2 /rig2/ //rig2 /2rig /rig-2 /rigé ~/rig2"),
+    "frame_prefix": ("rig2/ rig2", "/rig2/ 2/ rigé/ a/b/"),
+    "board": ("0 7 00", "-1 0x1 ٣ 1000 one"),
+    "robot_address": ("10.0.0.2 robot.lab r2", "999.1.1.1 1.2.3 host_name ::1 http://x 1.1.1.1:80"),
+    "console_host": ("0.0.0.0 :: ::1 localhost", "999.0.0.1 :1: [::1] a_b"),
+    "tracker_address": ("h:1 10.0.0.5:65535", "h h:0 h:65536 h:٣ :50 [::1]:50 h:1:2"),
+    "record_also": (
+        "/rosout room:sensor_msgs/msg/Temperature",
+        "rosout room:sensor_msgs/Temperature /2a:std_msgs/msg/String a-b:std_msgs/msg/String "
+        "room:none_msgs/msg/String room:std_msgs/msg/Strng limb_state:std_msgs/msg/String",
+    ),
+    "fifo_priority": ("0 3 99 007", "1 2 100 -1 3.0 ٣"),
+    "nodes": ("supervisor limb_controller,recorder", "plnt /cabols/plant ,"),
+}
+"""Right and wrong texts of arguments that have a form; none of them holds a space."""
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [(name, text) for name, (right, _) in TEXTS.items() for text in right.split()]
+)
+def test_right_texts(name, text):
+    read_arguments(ARGUMENTS, {name: text})
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [(name, text) for name, (_, wrong) in TEXTS.items() for text in wrong.split()]
+)
+def test_wrong_texts(name, text):
+    with pytest.raises(ConfigError, match=rf"{name}.*expected"):
+        read_arguments(ARGUMENTS, {name: text})
+
+
+@pytest.mark.parametrize("argument", [a for a in ARGUMENTS if a.default and a.default is not True])
+@pytest.mark.parametrize("text", ["", "  "])
+def test_nothing_is_no_value_where_there_is_a_default(argument, text):
+    with pytest.raises(ConfigError, match=f"{argument.name}: expected"):
+        read_arguments(ARGUMENTS, {argument.name: text})
+
+
+@pytest.mark.parametrize("name", ["output", "campaigns", "uploads", "bias_file"])
+def test_what_is_to_be_written_can_be(name, tmp_path):
+    (tmp_path / "file").write_text("")
+    for text in ("a", "a/b/c", "my bags é/1"):
+        assert read_arguments(ARGUMENTS, {name: str(tmp_path / text)})
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    for text in (str(tmp_path / "file" / "a"), "/proc/cabols"):
+        with pytest.raises(ConfigError, match=f"{name}: expected a"):
+            read_arguments(ARGUMENTS, {name: text})
+    if name == "bias_file":
+        with pytest.raises(ConfigError, match="expected a file, found a folder"):
+            read_arguments(ARGUMENTS, {name: str(tmp_path)})
+
+
+@pytest.mark.parametrize("text", ["233", "-1", "abc", " ", "1.0", "0x1", "٣", "1e2"])
+def test_a_domain_that_dds_has_not_is_refused(text):
+    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID: expected a whole number from 0 to 232"):
+        domain_id({"ROS_DOMAIN_ID": text})
+
+
+def test_domains_that_there_are():
+    assert [domain_id(e) for e in ({}, {"ROS_DOMAIN_ID": ""}, {"ROS_DOMAIN_ID": "232"})] == [
+        *(0, 0, 232)
+    ]
+    assert max(vars(ports_of(232)).values()) <= 65535

@@ -103,6 +103,58 @@ def test_what_cannot_be_used_is_named(text, said, file):
         read_params_file(file(text))
 
 
+@pytest.mark.parametrize(
+    ("text", "of_supervisor"),
+    [
+        ("", {}),
+        ("# all of it deleted", {}),
+        ("/**: {ros__parameters: {state_timeout: 1.0}}", {"state_timeout": 1.0}),
+        (
+            "/**: {ros__parameters: {state_timeout: 1, auto_start: true}}\n"
+            "supervisor: {ros__parameters: {state_timeout: 2.0}}",
+            {"state_timeout": 2.0, "auto_start": True},
+        ),
+        ("/cabols: {supervisor: {ros__parameters: {auto_start: true}}}", {"auto_start": True}),
+        ("/cabols/supervisor: {ros__parameters: {auto_start: true}}", {"auto_start": True}),
+        ("/rig2/supervisor: {ros__parameters: {auto_start: true}}", {}),
+        ("/rig2: {supervisor: {ros__parameters: {auto_start: true}}}", {}),
+        ("/**: {ros__parameters: {use_sim_time: false}}", {}),
+        ("/**: {ros__parameters: {scale: 2}}", {}),
+    ],
+)
+def test_ros_own_forms(text, of_supervisor, file):
+    assert read_params_file(file(text)).get("supervisor", {}) == of_supervisor
+
+
+def test_sections_of_another_namespace_are_its_rigs(file):
+    path = str(file("/rig2/supervisor: {ros__parameters: {auto_start: true}}"))
+    for namespace, told in (("/rig2", True), ("/cabols", None)):
+        values = {"params_file": path, "namespace": namespace}
+        assert given(complete(rig_graph(), values), "supervisor").get("auto_start") is told
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("/**: {ros__parameters: {nonsense: 1}}", "no node has a parameter nonsense$"),
+        ("/**: {ros__parameters: {auto_strt: true}}", "auto_strt; did you mean auto_start"),
+        ("/**: {ros__parameters: {auto_start: 1}}", "auto_start: expected true or false, got 1"),
+        ("/**: {ros__parameters: {use_sim_time: true}}", "use_sim_time: expected false, got"),
+        ("/rig2/supervisr: {ros__parameters: {}}", "did you mean supervisor"),
+        ("/cabols: {supervisor: {ros_parameters: {}}}", "expected ros__parameters"),
+        (text_of("abb_tracker_bridge", {"robot_maker": "kuka"}), "expected one of abb, ur"),
+        (text_of("wrench_controller", {"tension_method": "pnorm"}), "expected one of min_norm"),
+        (text_of("load_program", {"program": "stairs"}), "program:=stairs"),
+        (text_of("recorder", {"record_also": "/tff"}), "record_also:=/tff"),
+        (text_of("recorder", {"output": "/proc/a"}), "expected a place to write to"),
+        (text_of("plant", {"rig": "nowhere"}), "rig:=nowhere"),
+    ],
+)
+def test_values_are_judged_as_arguments_are(text, said, file):
+    with pytest.raises(ConfigError, match=said):
+        read_params_file(file(text))
+
+
 def test_all_mistakes_are_told_at_once(file):
     text = text_of("supervisor", {"autostart": True, "state_timeout": "long"})
     with pytest.raises(ConfigError) as caught:

@@ -6,11 +6,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
 from cabols_control.bringup.argument_text import read_arguments
 from cabols_control.bringup.graph import all_arguments, rig_graph
 from cabols_control.errors import ConfigError
 from cabols_control.params_file import complete
+from cabols_control.rig_folder import find_rig
 from cabols_sim.bringup_nodes import bench_graph
 
 CASES = {kind: [a for a in all_arguments() if kind in a.kinds] for kind in ("bench", "rig")}
@@ -37,6 +39,18 @@ TEXTS = {
     "robot_rotation_xyz_deg": ("0,0,90", "0,0,east"),
 }
 """Right and wrong; any text may be a description, and a bias is written where there is none."""
+FILES = {
+    "geometry_file": "geometry.yaml",
+    "limbs_file": "limbs.yaml",
+    "control_file": "control.yaml",
+    "card_file": "card.yaml",
+    "safety_file": "safety.yaml",
+    "robot_configurations_file": "robot.yaml",
+    "tracker_file": "tracker.yaml",
+    "plant_file": "plant.yaml",
+    "robot_file": "robot_truth.yaml",
+}
+"""Files that a launch reads before anything starts."""
 
 
 @pytest.fixture
@@ -44,7 +58,9 @@ def places(tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "old.txt").write_text("x")
     (tmp_path / "file").write_text("{}")
-    return {name: str(tmp_path / name) for name in ("new", "full", "file")}
+    for name, of_bench in FILES.items():
+        (tmp_path / name).write_bytes((find_rig().path / of_bench).read_bytes())
+    return {name: str(tmp_path / name) for name in ("new", "full", "file", *FILES)}
 
 
 def values_of(argument):
@@ -52,6 +68,8 @@ def values_of(argument):
         return TEXTS[argument.name]
     if argument.choices:
         return argument.choices[-1], argument.choices[-1] + "s"
+    if argument.name in FILES:
+        return f"{{{argument.name}}}", "{new}"
     if argument.name.endswith("_file"):
         return "{file}", "{new}"
     if isinstance(argument.default, bool):
@@ -106,3 +124,43 @@ def test_an_argument_of_the_other_launch_file_is_none_of_this_one():
             if argument.name not in mine:
                 with pytest.raises(ConfigError, match=f"{argument.name}: there is no such"):
                     read_arguments(CASES[kind], {argument.name: str(argument.default)})
+
+
+def test_every_file_of_a_rig_is_read():
+    assert {a.name for a in all_arguments() if a.reader} == set(FILES)
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize(
+    "content", [b"", b"- 1", b"nothing: [", b"\xff\xfe\x00", b"of_another_kind: 1"]
+)
+def test_a_file_that_cannot_be_used_is_refused_before_anything_starts(name, content, tmp_path):
+    path = tmp_path / "my own é file.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"my own é file\.yaml"):
+        complete(bench_graph(), {name: str(path)}, {name})
+
+
+def test_a_folder_that_is_no_rig_is_refused_before_anything_starts(tmp_path):
+    with pytest.raises(ConfigError, match=r"expected geometry\.yaml, got nothing"):
+        complete(rig_graph(), {"rig": str(tmp_path)}, {"rig"})
+
+
+def test_files_that_fit_each_other_alone_are_read_together(tmp_path):
+    """Seven cables in geometry and limbs: either file beside the bench's other one is wrong."""
+    bench = find_rig().path
+    geometry = yaml.safe_load((bench / "geometry.yaml").read_text())
+    for points in ("base_points", "platform_points"):
+        geometry[points] = geometry[points][:7]
+    limbs = {
+        key: value[:7] if isinstance(value, list) else value
+        for key, value in yaml.safe_load((bench / "limbs.yaml").read_text()).items()
+    }
+    given = {"geometry_file": geometry, "limbs_file": limbs}
+    paths = {name: str(tmp_path / f"{name}.yaml") for name in given}
+    for name, content in given.items():
+        Path(paths[name]).write_text(yaml.safe_dump(content))
+    complete(rig_graph(), paths, set(paths))
+    for name, path in paths.items():
+        with pytest.raises(ConfigError):
+            complete(rig_graph(), {name: path}, {name})

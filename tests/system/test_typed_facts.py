@@ -42,6 +42,7 @@ ALLOWED = {
     "cabols_control/bringup/launching.py argument_values": "value of a launch argument",
     "cabols_control/rig_tools/rig_urdf.py _three": "numbers of an option",
     "cabols_control/topics.py foreign_row": "name and type of a topic",
+    "cabols_control/ros/transport.py init": "rcl's sentence is shown without places in its sources",
     "cabols_control/command_line.py _rig": "value of the option --rig",
     "cabols_control/rig_folder.py find_rig": "name or folder of a rig",
     # A text is shown again only if it has changed; what it says is not looked at.

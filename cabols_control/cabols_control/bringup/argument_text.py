@@ -6,11 +6,13 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cabols_control.bringup import network_names
 from cabols_control.bringup.graph import all_nodes
 from cabols_control.bringup.specs import Argument
 from cabols_control.errors import CabolsError, ConfigError
@@ -19,10 +21,10 @@ from cabols_control.geometry import MIN_CABLES
 from cabols_control.load_programs.programs import BUILT_IN, load_program
 from cabols_control.rig_folder import find_rig
 from cabols_control.tension import check_method
-from cabols_control.topics import foreign_row
+from cabols_control.topics import foreign_row, type_is_installed
 
 TRUTH = {"true": True, "false": False}
-WHOLE = re.compile(r"[+-]?\d+")
+WHOLE = re.compile(r"[+-]?[0-9]+")
 PATHS = ("output", "campaigns", "uploads", "campaign_folder")
 """Folders that are made where they are not there; files end in `_file`."""
 LAUNCH_FILES = ("bench.launch.py", "rig.launch.py")
@@ -97,6 +99,11 @@ def read_argument(argument: Argument, text: str) -> Any:
         ConfigError: if it is no such value or out of the bounds.
     """
     words = text.strip()
+    if argument.default and isinstance(argument.default, str) and not words:
+        raise ConfigError(
+            f"{argument.name}: expected {_form(argument)}, got nothing; leave it out for "
+            f"{argument.default!r}"
+        )
     if isinstance(argument.default, bool):
         if words.lower() not in TRUTH:
             raise ConfigError(f"{argument.name}: expected true or false, got {text!r}")
@@ -118,6 +125,20 @@ def read_argument(argument: Argument, text: str) -> Any:
             )
         return [argument.checked(_number(argument, part.strip(), text)) for part in parts]
     return argument.checked(_expanded(argument.name, words))
+
+
+def check_value(argument: Argument, value: Any) -> None:
+    """Judge a value that came typed, as in a file of parameters.
+
+    Args:
+        argument: which.
+        value: of the type of its default.
+
+    Raises:
+        ConfigError: if it is out of the bounds, none of the choices, or names what is not there.
+    """
+    argument.checked(value)
+    _look_up(argument.name, value)
 
 
 def _number(argument: Argument, words: str, text: str) -> float:
@@ -167,8 +188,34 @@ def _look_up(name: str, value: Any) -> None:
             raise ConfigError(f"{name}:={value}: {error}") from error
     if name in PATHS and Path(value).exists() and not Path(value).is_dir():
         raise ConfigError(f"{name}: expected a folder, found a file at {value}")
-    if name in PATTERNS and not re.fullmatch(PATTERNS[name][0], value):
-        raise ConfigError(f"{name}: expected {PATTERNS[name][1]}, got {value!r}")
+    if name in WRITTEN and Path(value).is_dir():
+        raise ConfigError(f"{name}: expected a file, found a folder at {value}")
+    if name in (*PATHS, *WRITTEN):
+        _check_writable(name, Path(value))
+    if name in FORMS and not FORMS[name].fits(value):
+        raise ConfigError(f"{name}: expected {FORMS[name].words}, got {value!r}")
+
+
+def _check_writable(name: str, path: Path) -> None:
+    """Refuse what could not be written: a missing folder is made in the nearest one above."""
+    above = path.absolute()
+    while not above.is_dir() and above != above.parent:
+        if above.exists() and above != path.absolute():
+            raise ConfigError(f"{name}: expected a folder, found a file at {above}")
+        above = above.parent
+    try:
+        with tempfile.TemporaryDirectory(dir=above):
+            pass
+    except OSError as error:
+        raise ConfigError(
+            f"{name}: expected a place to write to, got {path} ({error.strerror})"
+        ) from error
+
+
+def _form(argument: Argument) -> str:
+    if argument.choices:
+        return f"one of {', '.join(argument.choices)}"
+    return FORMS[argument.name].words if argument.name in FORMS else "a text"
 
 
 def _find_program(text: str) -> None:
@@ -179,13 +226,20 @@ def _find_program(text: str) -> None:
 def _find_topics(text: str) -> None:
     try:
         for name in listed(text):
-            foreign_row(name)
+            row = foreign_row(name)
+            if not type_is_installed(row.type_name):
+                raise ConfigError(
+                    f"expected a type of an installed package, got {row.type_name!r}; source the "
+                    "workspace that has it"
+                )
     except ValueError as error:
         raise ConfigError(str(error)) from error
 
 
 def _find_nodes(text: str) -> None:
     there = {node.executable for node in all_nodes()}
+    if not listed(text):
+        raise ConfigError(f"expected some of {', '.join(sorted(there))}, got none")
     if strange := [name for name in listed(text) if name not in there]:
         raise ConfigError(f"expected some of {', '.join(sorted(there))}, got {', '.join(strange)}")
 
@@ -201,16 +255,22 @@ def _new_folder(text: str) -> None:
         raise ConfigError("expected a new or empty folder, got one with files; name another one")
 
 
-HOST = r"[A-Za-z0-9](?:[A-Za-z0-9.-]*[A-Za-z0-9])?"
-PATTERNS = {
-    "namespace": (r"(/[A-Za-z_]\w*)+", "a namespace such as /rig2"),
-    "frame_prefix": (r"[A-Za-z_]\w*/?", "letters, then a slash, such as rig2/"),
-    "board": (r"\d{1,3}", "the number of a card, from 0"),
-    "robot_address": (HOST, "an IP address or a host's name"),
-    "console_host": (rf"{HOST}|[0-9A-Fa-f:]*:[0-9A-Fa-f:]*", "an IP address or a host's name"),
-    "tracker_address": (rf"{HOST}:\d{{1,5}}", "host:port"),
+FORMS = {
+    "namespace": network_names.Form(network_names.is_namespace, "a namespace such as /rig2"),
+    "frame_prefix": network_names.Form(
+        network_names.matches(r"[A-Za-z_][A-Za-z0-9_]*/?"), "letters, then a slash, such as rig2/"
+    ),
+    "board": network_names.Form(
+        network_names.matches(r"[0-9]{1,3}"), "the number of a card, from 0"
+    ),
+    "robot_address": network_names.Form(network_names.is_host, "an IP address or a host's name"),
+    "console_host": network_names.Form(
+        lambda text: network_names.is_host(text) or network_names.is_ipv6(text),
+        "an IP address or a host's name",
+    ),
+    "tracker_address": network_names.Form(network_names.is_host_and_port, "host:port"),
 }
-"""What a text must look like, and in words."""
+"""What a text must look like."""
 LOOKED_UP: dict[str, Callable[[str], Any]] = {
     "rig": find_rig,
     "program": _find_program,

@@ -15,6 +15,7 @@ from launch_ros.actions import Node
 
 from cabols_control.bringup.argument_text import others, read_arguments
 from cabols_control.bringup.graph import all_arguments
+from cabols_control.bringup.network_names import domain_id
 from cabols_control.bringup.processes import GRACE_S, RESTART_S, RESTARTS
 from cabols_control.bringup.specs import LAUNCHER, ONE_BLAS_THREAD, NodeSpec
 
@@ -61,8 +62,10 @@ def argument_values(
         defaults: of this launch file, as for arguments().
 
     Raises:
-        ConfigError: naming every argument that cannot be used, or is none; nothing has started.
+        ConfigError: naming every argument that cannot be used, or is none, or the environment's
+            DDS domain; nothing has started.
     """
+    domain_id(os.environ)
     texts = {k: v for k, v in context.launch_configurations.items() if k != DISCOVERY}
     mine = [argument for argument in all_arguments() if kind in argument.kinds]
     values = read_arguments(mine, texts, others(list(texts), context.argv, sys.argv))

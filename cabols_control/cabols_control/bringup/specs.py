@@ -18,6 +18,8 @@ LAUNCHER = "CABOLS_LAUNCHER"
 """Environment variable with the process id of who launched a node, if it is the node's parent."""
 FIFO = "fifo_priority"
 """The argument of which nodes get less than its value: see NodeSpec.fifo_below."""
+FIFO_STEPS = 2
+"""Most that a node gets less."""
 
 
 class Role(Enum):
@@ -111,6 +113,9 @@ class Argument:
         bounds: least and largest value; None for none.
         unit: of the value; empty for none.
         choices: that there are; empty: not a choice.
+        reader: of the file that it names, module:function, called with the rig and the file, and
+            raising ConfigError for one that cannot be used; empty: no file of a rig.
+        keyword: of the reader for the file.
     """
 
     name: str
@@ -121,6 +126,8 @@ class Argument:
     bounds: tuple[float, float] | None = None
     unit: str = ""
     choices: tuple[str, ...] = ()
+    reader: str = ""
+    keyword: str = "path"
 
     @property
     def text(self) -> str:
@@ -138,6 +145,11 @@ class Argument:
         if self.choices and value not in self.choices:
             raise ConfigError(
                 f"{self.name}: expected one of {', '.join(self.choices)}, got {value!r}"
+            )
+        if self.name == FIFO and 0 < value <= FIFO_STEPS:
+            raise ConfigError(
+                f"{self.name}: expected 0 or {FIFO_STEPS + 1} to 99, as some nodes get up to "
+                f"{FIFO_STEPS} less, got {value!r}"
             )
         numbers = value if isinstance(value, list) else [value]
         if self.bounds is not None and not all(

@@ -14,9 +14,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from cabols_control.bringup.network_names import domain_id
 from cabols_control.configuration import packaged
+from cabols_control.errors import ConfigError
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 DECISIONS = (
@@ -65,7 +68,18 @@ def discovery_variables(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def init(**arguments: Any) -> None:
-    """Call rclpy.init() with these arguments, on this machine alone, without shared memory."""
+    """Call rclpy.init() with these arguments, on this machine alone, without shared memory.
+
+    Raises:
+        ConfigError: if ROS cannot obey the arguments or the DDS domain of the environment.
+    """
+    if arguments.get("domain_id") is None:
+        domain_id(os.environ)
     os.environ.update(discovery_variables(os.environ))
     os.environ.update(udp_variables(os.environ, get_rmw_implementation_identifier()))
-    rclpy.init(**arguments)
+    try:
+        rclpy.init(**arguments)
+    except rclpy_implementation.RCLError as error:
+        # The sentence, without the places in rcl's sources that follow it.
+        said = str(error).partition("failed to initialize rcl: ")[2] or str(error)
+        raise ConfigError(said.partition(", at /")[0]) from error

@@ -98,7 +98,10 @@ def read_password(node: ControlNode) -> str:
     if not path:
         return os.environ.get(PASSWORD_VARIABLE, "robotics")
     try:
-        return Path(path).read_text(encoding="utf-8").splitlines()[0]
+        password = Path(path).read_text(encoding="utf-8").splitlines()[0]
+        if not password:
+            raise IndexError("an empty line")
+        return password
     except (OSError, UnicodeDecodeError, IndexError) as error:
         raise ConfigError(
             f"password_file: expected a file whose first line is the password, got {path} "

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cabols_control.bringup.graph import PARTS
+from cabols_control.bringup.network_names import DOMAIN, domain_id
 from cabols_control.bringup.processes import GRACE_S, Ended, run
 from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
 from cabols_control.params_file import complete
@@ -22,6 +23,7 @@ from cabols_sim.bringup_nodes import LOCKSTEP_WATCH_S, Ports, bench_graph
 
 LONGEST_S = 10.0
 """Most that any of the time-outs below may be [s]."""
+MAX_PORT = 65535
 SAFE_DOMAINS = (1, 101)
 """Domain ids whose ports do not reach into Linux' ephemeral range."""
 
@@ -30,10 +32,14 @@ def isolated_environment() -> dict[str, str]:
     """Return variables that keep a run on this machine, in a DDS domain of its own.
 
     A ROS_DOMAIN_ID that is already set is kept: then other tools can watch.
+
+    Raises:
+        ConfigError: if it is no domain.
     """
-    domain = os.environ.get("ROS_DOMAIN_ID") or str(random.SystemRandom().randint(*SAFE_DOMAINS))
+    given = os.environ.get(DOMAIN, "") and domain_id(os.environ)
+    domain = str(given) or str(random.SystemRandom().randint(*SAFE_DOMAINS))
     return {
-        "ROS_DOMAIN_ID": domain,
+        DOMAIN: domain,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         **ONE_BLAS_THREAD,
     }
@@ -42,9 +48,12 @@ def isolated_environment() -> dict[str, str]:
 def ports_of(domain: int) -> Ports:
     """Return ports of the simulated devices that runs in other DDS domains do not use.
 
-    A domain has 250 ports, of which DDS needs the first few dozen.
+    A domain has 250 ports, of which DDS needs the first few dozen. The highest has not so many:
+    there any free ones are returned.
     """
     first = 7400 + 250 * domain + 200
+    if first + 4 > MAX_PORT:
+        return free_ports()
     return Ports(first, first + 1, first + 2, first + 3, first + 4)
 
 
@@ -145,9 +154,7 @@ def run_bench(
     graph = bench_graph(
         values.get("lockstep", False),
         robot=values.get("robot", False),
-        ports=free_ports()
-        if "namespace" in values
-        else ports_of(int(where.get("ROS_DOMAIN_ID", "0"))),
+        ports=free_ports() if "namespace" in values else ports_of(domain_id(where)),
         **{part: values[part] for part in PARTS.values() if part in values},
     )
     values = {"robot_watch": min(SILENCE_S / values.get("speed", 1.0), 10.0), **values}
