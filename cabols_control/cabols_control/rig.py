@@ -35,6 +35,33 @@ BACKLASH_MAX_M = 1e-3
 
 
 @config_dataclass(frozen=True, config=STRICT)
+class GearConfig:
+    """What the gears do with the amplifiers off.
+
+    Attributes:
+        self_locking: whether no pull turns a motor through its gear.
+        friction_current: least current that overcomes dry friction, one or one for each [A].
+        load_current: most current that 1 N of pull takes through the gear, one or one for each
+            [A/N].
+    """
+
+    self_locking: bool = False
+    friction_current: float | list[float] = 0.0
+    load_current: float | list[float] = 0.0
+
+    def __post_init__(self) -> None:
+        """Check signs, and that a gear that does not lock says what a pull does."""
+        for name, most in (("friction_current", 100.0), ("load_current", 10.0)):
+            for value in np.ravel(getattr(self, name)):
+                in_range(name, float(value), 0.0, most)
+        if not self.self_locking and not np.min(self.load_current) > 0.0:
+            raise ConfigError(
+                "gear: expected self_locking: true, or a load_current above 0 for each limb, got "
+                f"{self.load_current}"
+            )
+
+
+@config_dataclass(frozen=True, config=STRICT)
 class LimbsConfig:
     """Identified limbs of a rig.
 
@@ -47,6 +74,8 @@ class LimbsConfig:
             cable [m]; 0: none. Rather too small than too large.
         axial_stiffness: EA of the cables, one for all or one for each [N]: k_e falls as a cable
             grows longer. None: not known, k_e is taken as constant.
+        gear: what the gears do with the amplifiers off, which matters where the platform hangs on
+            its cables; None: not known.
     """
 
     stiffness: float | list[float]
@@ -55,6 +84,7 @@ class LimbsConfig:
     time_constant: list[float]
     backlash: float = 0.0
     axial_stiffness: float | list[float] | None = None
+    gear: GearConfig | None = None
 
     def __post_init__(self) -> None:
         """Check signs and lengths."""
@@ -82,6 +112,13 @@ class LimbsConfig:
                     in_range(f"{name} of {limb_name(i)}", each, least, most)
             elif value is not None:
                 in_range(name, value, least, most)
+        for name in ("friction_current", "load_current"):
+            given = None if self.gear is None else getattr(self.gear, name)
+            if isinstance(given, list) and len(given) != len(self.gain):
+                raise ConfigError(
+                    f"gear: {name}: expected one number, or {len(self.gain)} as in gain, got "
+                    f"{len(given)}"
+                )
 
     def springs(self, length: FloatArray) -> LimbSprings:
         """k_e of each limb.

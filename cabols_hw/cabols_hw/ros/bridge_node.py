@@ -33,8 +33,8 @@ from cabols_hw.ros.pose_input import PoseInput
 from cabols_hw.ros.power_on import PowerOnGate
 from cabols_hw.ros.warm_up import warm_up_guard
 from cabols_hw.safety.config import SafetyConfig
-from cabols_hw.safety.faults import NOT_HELD
 from cabols_hw.safety.guard import BridgeGuard
+from cabols_hw.safety.not_held import not_held
 
 NOTICE_EVERY = 100
 """Cycles between two looks at what is worth a notice."""
@@ -84,8 +84,7 @@ class BridgeNode(ManagedBridge, ControlNode):
         self._safety_config = self.safety_config()
         self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
         self._power_on = PowerOnGate(self, self._guard, self.is_rig)
-        held = self._safety_config.platform_held
-        self._unheld = None if held else Fault(FaultName.NOT_HELD, NOT_HELD)
+        self._unheld = not_held(self.rig, self._safety_config, self._card)
         currents = topics.motor_current_layout(geometry, n)
         sessions = self.status.sessions
         self._current_input = Input(self, "motor_current", currents, self.lockstep)

@@ -16,6 +16,7 @@ from cabols_hw.card.config import ENCODER_MODULUS, CardConfig
 from cabols_hw.force_torque.ati import STANDARD_GRAVITY
 from cabols_sim.faults import PlantFaults
 from cabols_sim.plant.config import PlantConfig
+from cabols_sim.plant.free_platform import FreePlatform
 from cabols_sim.plant.limb_physics import LIMB_STATE, advance_limbs, cable_wrench
 from cabols_sim.plant.miswiring import Miswiring
 from cabols_sim.plant.target import RigidTarget, Target
@@ -239,7 +240,7 @@ class Plant:
     def _feel_motion(self, dt_s: float) -> None:
         """Set what the tool's inertia adds to its weight, by the target's motion in a step [s]."""
         twist = getattr(self.target, "twist", None)
-        if twist is None:
+        if twist is None or isinstance(self.target, FreePlatform):
             return
         if not (self._moving or twist.any()):
             self._inertia[:] = 0.0
@@ -310,8 +311,12 @@ class Plant:
         lines = np.empty(n, dtype=np.bool_)
         self._random.standard_normal(out=self._noise)
         _sense_limbs(self._sensors, self._state, self.tension, self._closed, counts, lines)
-        pose = (self.target.rotation, self._inertia)
-        _sense_wrench(self._sensors, self.wrench, pose, self._noise, volts)
+        wrench, inertia = self.wrench, self._inertia
+        if isinstance(self.target, FreePlatform):
+            # No robot is behind the sensor: it feels nothing.
+            wrench, inertia = np.zeros(6), -self._sensors["weight"][0]
+        pose = (self.target.rotation, inertia)
+        _sense_wrench(self._sensors, wrench, pose, self._noise, volts)
         if self.faults.any:
             args = (self._time, card.counts_per_metre, counts, volts, lines)
             self.faults.distort_senses(*args, card.switch_active_low)
