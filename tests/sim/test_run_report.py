@@ -2,6 +2,7 @@
 """A bench run from a bag: joining, judging, drawing, reporting."""
 
 import json
+import math
 import re
 from dataclasses import replace
 from functools import cache
@@ -603,6 +604,7 @@ def test_a_pause_that_bare_timers_shared_is_the_computers():
     assert found["timer_pause_then_s"] == pytest.approx(PAUSE_S)
     assert found["undisturbed_error_rms_force_n"] == pytest.approx(0.0, abs=1e-9)
     assert 80.0 < found["undisturbed_percent"] < 99.0
+    assert math.isnan(found["undisturbed_free_moving_tension_max_n"]), "this run has no such mode"
 
 
 @pytest.mark.parametrize(("at_s", "behind_s"), [(0.2, 0.08), (PAUSE_AT_S, 0.002)])
@@ -624,7 +626,7 @@ def test_samples_that_only_the_recorder_missed_are_no_pause():
     run = join_run(make_bag())
     rows = np.ones(run.time.size, bool)
     rows[2000:2100] = False
-    fields = ("time", "loading", "sequence", "measured", "answered", "uncertainty")
+    fields = ("time", "loading", "sequence", "measured", "answered", "uncertainty", "tension")
     parts = {name: getattr(run, name)[rows] for name in fields}
     program = replace(
         run.program,

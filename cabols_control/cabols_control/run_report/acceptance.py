@@ -146,13 +146,7 @@ def _error_checks(s: Mapping[str, Any]) -> list[Check]:
             key = f"error_rms_{kind}_{unit.replace(' ', '').lower()}"
             what = f"rms against the smoothed command, {kind}"
             check = _most(what, s[f"smoothed_{key}"], unit, digits, limit)
-            calm = s.get(f"undisturbed_{key}")
-            shared = check.met is False and calm is not None and calm <= limit
-            found.append(replace(check, by_computer=shared))
-            if shared:
-                found.append(
-                    _plain(f"outside pauses of bare timers, {kind}", calm, unit, digits),
-                )
+            found += _outside_pauses(check, (s.get(f"undisturbed_{key}"), limit, unit, digits))
     return found
 
 
@@ -161,12 +155,15 @@ def _phase_checks(s: Mapping[str, Any]) -> list[Check]:
     if not s["free_moving_s"]:
         return []
     return [
-        _most(
-            "free-moving: highest tension estimate",
-            s["free_moving_tension_max_n"],
-            "N",
-            1,
-            FREE_TENSION_MAX_N,
+        *_outside_pauses(
+            _most(
+                "free-moving: highest tension estimate",
+                s["free_moving_tension_max_n"],
+                "N",
+                1,
+                FREE_TENSION_MAX_N,
+            ),
+            (s.get("undisturbed_free_moving_tension_max_n"), FREE_TENSION_MAX_N, "N", 1),
         ),
         _check(
             "free-moving: lowest tension estimate",
@@ -223,6 +220,20 @@ def _shared(check: Check, figure: tuple[float | None, float, float | None]) -> C
         figure: measured, its limit, and what the timers missed.
     """
     return replace(check, by_computer=check.met is False and is_computers(*figure))
+
+
+def _outside_pauses(check: Check, calm: tuple[float | None, float, str, int]) -> list[Check]:
+    """Blame this computer for a figure that is met outside the pauses of bare timers.
+
+    Args:
+        check: of the figure, in the whole run.
+        calm: the figure outside the pauses, its limit, unit and digits.
+    """
+    value, limit, unit, digits = calm
+    if check.met is not False or value is None or not value <= limit:
+        return [check]
+    outside = _plain("  outside pauses of bare timers", value, unit, digits)
+    return [replace(check, by_computer=True), outside]
 
 
 def _computer_checks(s: Mapping[str, Any]) -> list[Check]:

@@ -69,6 +69,18 @@ def phase_numbers(run: BenchRun) -> dict[str, Any]:
     }
 
 
+def highest_free_tension(run: BenchRun, chosen: BoolArray) -> float:
+    """Return the highest tension estimate of free-moving among chosen samples [N]; NaN: none.
+
+    Args:
+        run: that was recorded, with k samples.
+        chosen: (k,) samples to look at.
+    """
+    free = samples_in(run, phases(run, OperatingMode.FREE_MOVING))
+    tension = run.tension[free & chosen]
+    return _reduce(np.max, tension[np.isfinite(tension)])
+
+
 def _unloaded(run: BenchRun, unloading: list[ModeInterval]) -> float:
     """Highest estimate from the end of UNLOADING to the end of the mode that followed [N]."""
     if not unloading:

@@ -17,6 +17,7 @@ import numpy as np
 from cabols_control.checks import BoolArray
 from cabols_control.run_report.computer import TimerRecord
 from cabols_control.run_report.errors_of_wrench import error_numbers
+from cabols_control.run_report.phases import highest_free_tension
 from cabols_control.run_report.run import BenchRun
 
 LONG_S = 0.005
@@ -41,6 +42,8 @@ def stall_numbers(run: BenchRun, timers: Iterable[TimerRecord]) -> dict[str, Any
         without a tension command; `undisturbed_percent` of the load, and
         `undisturbed_error_rms_force_n`, `undisturbed_error_rms_torque_nm` against the smoothed
         command there, unless too little is left. Empty without a load.
+        `undisturbed_free_moving_tension_max_n`: highest tension estimate of free-moving outside
+        such pauses; NaN without any.
     """
     misses = [miss for timer in timers for miss in timer.misses]
     rows = np.flatnonzero(run.loading)
@@ -64,6 +67,7 @@ def stall_numbers(run: BenchRun, timers: Iterable[TimerRecord]) -> dict[str, Any
         errors = error_numbers(replace(run, loading=run.loading & calm))
         for key in ("rms_force_n", "rms_torque_nm"):
             found[f"undisturbed_error_{key}"] = errors[f"smoothed_error_{key}"]
+    found["undisturbed_free_moving_tension_max_n"] = highest_free_tension(run, calm)
     return found
 
 

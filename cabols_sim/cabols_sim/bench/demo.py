@@ -38,13 +38,13 @@ from cabols_control.run_report.computer import (
     missed,
     timer_numbers,
 )
+from cabols_sim.bench.attempt import BAG, LOG, Attempt, put_aside
 from cabols_sim.bench.bare_timer import Timers, bare_timers
 from cabols_sim.bench.busiest import busiest
 from cabols_sim.bench.pulley_rig import make_pulley_rig
 from cabols_sim.bench.run import forgiving, isolated_environment, real_time_arguments, run_bench
 
-STALL_NS = 50_000_000
-"""A stall of this computer worth naming when a run failed: half of the demo's watchdogs."""
+TRIES = 2
 LIMIT_S = 240.0
 """Longest time of a session besides its programme, at full speed [s]."""
 SLOW_LIMB = ("cabols_sim", "slow_limb_controller")
@@ -134,8 +134,6 @@ def _run(
     arguments: argparse.Namespace, program: LoadProgram, session_module: Any
 ) -> tuple[int, bool]:
     """Run the session and judge it; return the exit code and whether the report was written."""
-    output = arguments.output
-    bag = output / "bag"
     devices = "" if arguments.rigid else ", robot and laser tracker"
     folder, cables = find_rig(arguments.rig), load_rig(arguments.rig).geometry.cables
     print(
@@ -143,9 +141,29 @@ def _run(
         f"{devices}, {arguments.speed:g} of real time, 1 kHz",
         flush=True,
     )
+    attempt = _attempt(arguments, program, session_module)
+    for left in range(arguments.tries - 1, 0, -1):
+        if not (attempt.failure and attempt.stalled):
+            break
+        print(attempt.why)
+        put_aside(arguments.output, arguments.tries - left)
+        print(f"running it once more ({left} left)", flush=True)
+        attempt = _attempt(arguments, program, session_module)
+    bag = arguments.output / BAG
+    if attempt.failure:
+        return fail(f"{attempt.why}; the bag is {bag}", FAILED), False
+    if attempt.interrupted:
+        print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
+        return INTERRUPTED, False
+    return _report(arguments, bag, attempt.timers), True
+
+
+def _attempt(arguments: argparse.Namespace, program: LoadProgram, session_module: Any) -> Attempt:
+    """Run the session once."""
+    output: Path = arguments.output
     environment = isolated_environment()
-    asked = {} if arguments.plain else real_time_arguments()
-    values = {**_values(arguments, bag, program.name), **asked}
+    asked = _asked(arguments)
+    values = {**_values(arguments, output / BAG, program.name), **asked}
     stand_ins = {"limb_controller": SLOW_LIMB} if arguments.slow_limb_law else {}
     with bare_timers(asked, arguments.speed) as timers, Progress(program.duration) as progress:
         session, on_start = None, None
@@ -158,7 +176,7 @@ def _run(
             ended = run_bench(
                 values,
                 progress.line,
-                output / "log",
+                output / LOG,
                 environment,
                 on_start,
                 stand_ins=stand_ins,
@@ -167,24 +185,13 @@ def _run(
         finally:
             if session is not None:
                 session.stop()
-    failure = _failure(ended, session, output / "log")
-    if failure:
-        return fail(f"{failure}; the bag is {bag}{_stalls(timers)}", FAILED), False
-    if not ended.first and not (session is not None and session.done):
-        print(f"interrupted: all nodes ended, motors at zero; the bag is {bag}")
-        return INTERRUPTED, False
-    return _report(arguments, bag, timers, bool(asked)), True
+    done = session is not None and session.done
+    return Attempt(_failure(ended, session, output / LOG), not ended.first and not done, timers)
 
 
-def _stalls(timers: Timers) -> str:
-    """Say for how long this computer stood still, if it did so for longer than a watchdog."""
-    worst = max((behind for record in timers.records for _, behind in record.misses), default=0)
-    if worst < STALL_NS:
-        return ""
-    return (
-        f"; this computer stood still for up to {1e-6 * worst:.0f} ms, which may be why: close "
-        "what else runs, or try --speed 0.3"
-    )
+def _asked(arguments: argparse.Namespace) -> dict[str, int]:
+    """What the demo asks of the kernel."""
+    return {} if arguments.plain else real_time_arguments()
 
 
 def _values(arguments: argparse.Namespace, bag: Path, program: str) -> dict[str, Any]:
@@ -267,6 +274,14 @@ def _arguments() -> argparse.Namespace:
         help="ask the kernel for nothing: no cores, no SCHED_FIFO, no limit on wake-up times",
     )
     parser.add_argument(
+        "--tries",
+        type=int,
+        choices=range(1, 10),
+        default=TRIES,
+        metavar="N",
+        help="runs at most, if they fail while this computer stands still (default: %(default)s)",
+    )
+    parser.add_argument(
         "--slow-limb-law",
         action="store_true",
         help="burn a millisecond in every cycle of the limb law: the demo must then fail",
@@ -277,7 +292,7 @@ def _arguments() -> argparse.Namespace:
     return options
 
 
-def _report(arguments: argparse.Namespace, bag: Path, timers: Timers, asked: bool) -> int:
+def _report(arguments: argparse.Namespace, bag: Path, timers: Timers) -> int:
     """Analyse the bag; print, plot, write; judge the software apart from this computer."""
     from cabols_control.run_report.acceptance import by_computer, failures
     from cabols_control.run_report.figures import write_figures
@@ -299,7 +314,7 @@ def _report(arguments: argparse.Namespace, bag: Path, timers: Timers, asked: boo
     summary["not_met_by_computer"] = [check.quantity for check in busy]
     print(table(summary))
     if busy:
-        print(advice(summary, asked))
+        print(advice(summary, bool(_asked(arguments))))
         others = ", ".join(f"{name} ({load:.0f} %)" for name, load in busiest())
         if others:
             print(f"Busy beside the demo right now, percent of a core: {others}")
@@ -319,11 +334,10 @@ def _report(arguments: argparse.Namespace, bag: Path, timers: Timers, asked: boo
 def _timer_numbers(window_ns: tuple[int, int], timers: Timers) -> dict[str, Any]:
     """What the bare timers missed during the load; nothing is excused if they failed."""
     try:
-        found = [missed(record, *window_ns) for record in timers.records]
+        return timer_numbers(missed(timers.records, *window_ns))
     except TimerError as error:
         print(f"warning: {error}", file=sys.stderr)
-        found = []
-    return timer_numbers(found)
+        return timer_numbers(None)
 
 
 if __name__ == "__main__":
