@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Start the simulated rig and end it, many times, at any moment and in every way that there is.
 
-Each trial starts the graph with a recorder, loads it, and ends it at a random time after the start,
-or after PRETIGHTENING or LOADING has begun: by SIGINT to the launcher, two of them, SIGTERM; SIGINT
-twice, or SIGHUP, to every process at once, as a terminal does where launcher and nodes share it; or
-by SIGKILL to the launcher. Afterwards no process is left, every node has ended with 0 and without a
-traceback, the bag is complete, its last current zero and its last tensions low. Trials are appended
-to a file; another call goes on where it was. With --ros2-launch, where ROS 2's launch is installed,
+Each trial starts the graph with a recorder, loads it, and ends it at a random time after the
+start, or after PRETIGHTENING or LOADING has begun: by SIGINT to the launcher, two of them,
+SIGTERM, two of them; SIGINT twice, SIGHUP, or SIGQUIT, to every process at once, as a terminal
+does where launcher and nodes share it; by SIGTERM to one node, drawn by lot; or by SIGKILL to the
+launcher. Afterwards no process is left, every node has ended with 0 and without a traceback, the
+bag is complete, its last current zero and its last tensions low. Trials are appended to a file;
+another call goes on where it was. With --ros2-launch, where ROS 2's launch is installed,
 bench.launch.py is launched in place of the project's own launcher.
 """
 
@@ -35,7 +36,10 @@ from cabols_sim.bench.run import forgiving, isolated_environment, run_bench
 LAUNCH_FILE = Path(sys.prefix) / "share" / "cabols_sim" / "launch" / "bench.launch.py"
 MARK = "CABOLS_LIFE_CYCLE"
 """Environment variable by which the processes of a trial are found."""
-WAYS = ("sigint", "double", "sigterm", "terminal", "hangup", "killed")
+WAYS = (
+    *("sigint", "double", "sigterm", "terminal", "hangup", "killed"),
+    *("twice", "quit", "one"),
+)
 PHASES = ("start", "start", "PRETIGHTENING", "LOADING")
 EARLIEST_PHASE_S = 6.0
 LATER_S = 2.0
@@ -135,6 +139,12 @@ class Launch:
             with suppress(ProcessLookupError):
                 os.kill(pid, number)
 
+    def end_one(self, dice: random.Random) -> None:
+        """Send SIGTERM to one node; to the launcher before there is any."""
+        nodes = [pid for pid in self.pids() if pid != self.process.pid]
+        with suppress(ProcessLookupError):
+            os.kill(dice.choice(nodes or [self.process.pid]), signal.SIGTERM)
+
     def wait_until_gone(self, seconds: float) -> list[int]:
         """Wait until no process is left; return those that are."""
         give_up = time.monotonic() + seconds
@@ -198,6 +208,14 @@ def _strike(launch: Launch, way: str, dice: random.Random) -> None:
         launch.send(signal.SIGINT, to_all=True)
         time.sleep(dice.uniform(0.0, 1.0))
         launch.send(signal.SIGINT, to_all=True)
+    if way == "twice":
+        launch.send(signal.SIGTERM, to_all=False)
+        time.sleep(dice.uniform(0.0, 1.0))
+        launch.send(signal.SIGTERM, to_all=False)
+    if way == "quit":
+        launch.send(signal.SIGQUIT, to_all=True)
+    if way == "one":
+        launch.end_one(dice)
     if way == "hangup":
         launch.send(signal.SIGHUP, to_all=True)
     if way == "killed":
@@ -272,7 +290,7 @@ def main() -> int:
     """Run what is missing of the trials; returns 1 if one went wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=200)
-    parser.add_argument("--short", action="store_true", help="12 trials")
+    parser.add_argument("--short", action="store_true", help="18 trials")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--output", type=Path, default=None)
     parser.add_argument("--ros2-launch", action="store_true", help="by bench.launch.py")
@@ -288,7 +306,7 @@ def main() -> int:
     path = output / "trials.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {row["number"] for row in rows}
-    wanted = 12 if arguments.short else arguments.trials
+    wanted = 18 if arguments.short else arguments.trials
     for number in (n for n in range(wanted) if n not in done):
         row = trial(number, arguments.seed, output, by_launch)
         rows.append(row)

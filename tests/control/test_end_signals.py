@@ -82,4 +82,4 @@ def test_who_holds_them_is_seen_from_outside():
 
 
 def test_end_signals_are_those_of_terminals_and_service_managers():
-    assert set(END_SIGNALS) == {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+    assert set(END_SIGNALS) == {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT}

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 
 import pytest
 
 from cabols_control.bringup.specs import LAUNCHER
+from cabols_control.end_signals import END_SIGNALS
 
 LOOKS = """
 import time
@@ -28,9 +30,22 @@ except EndedEarly:
 """
 
 
-def start(launcher):
+COMPILES = """
+from cabols_control.ros.ending import take_requests
+end = take_requests()
+try:
+    with end.at_once({harmless}):
+        print("starts", flush=True)
+        input()
+    print("started", end.asked, flush=True)
+finally:
+    print("closed", flush=True)
+"""
+
+
+def start(launcher, text=LOOKS):
     return subprocess.Popen(
-        [sys.executable, "-c", LOOKS],
+        [sys.executable, "-c", text],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -38,13 +53,22 @@ def start(launcher):
     )
 
 
-@pytest.mark.parametrize("number", [1, 2, 15])
+@pytest.mark.parametrize("number", END_SIGNALS)
 def test_signal_during_the_start_is_noted_and_ends_it_at_the_next_point(number):
     with start(os.getpid()) as process:
         assert process.stdout.readline() == "not asked\n"
         os.kill(process.pid, number)
         said, _ = process.communicate("\n", timeout=60.0)
     assert (said, process.returncode) == ("ended early\n", 0)
+
+
+@pytest.mark.parametrize(("harmless", "said"), [(True, ""), (False, "started True\nclosed\n")])
+def test_start_that_opens_nothing_is_cut_short(harmless, said):
+    with start(os.getpid(), COMPILES.format(harmless=harmless)) as process:
+        assert process.stdout.readline() == "starts\n"
+        process.send_signal(signal.SIGINT)
+        heard, _ = process.communicate("\n", timeout=60.0)
+    assert (heard, process.returncode) == (said, 0)
 
 
 def test_launcher_that_is_no_parent_is_watched_too():

@@ -4,7 +4,7 @@
 Starts the nodes in order, prefixes their output, ends all when one ends, in reverse order: SIGINT,
 after a grace SIGTERM, then SIGKILL. Nodes under load unload before they obey. One that may restart
 ends nothing. If this process is killed itself, the kernel sends its children SIGTERM. SIGINT,
-SIGTERM and SIGHUP start the end, during the start as well; later ones do not disturb it.
+SIGTERM, SIGHUP and SIGQUIT start the end, during the start as well; later ones do not disturb it.
 """
 
 from __future__ import annotations

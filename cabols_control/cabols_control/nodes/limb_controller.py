@@ -33,6 +33,7 @@ class LimbControllerNode(ControlNode):
     """Thin node around LimbController."""
 
     role_topic = "motor_current"
+    starts_harmlessly = True
 
     def __init__(self) -> None:
         """Subscribe to limb_state, tension_command and mode; advertise motor_current."""

@@ -57,6 +57,8 @@ class LoadProgramNode(ControlNode):
     by itself when they stop. In lockstep this node answers every wrench.
     """
 
+    starts_harmlessly = True
+
     def __init__(self) -> None:
         """Subscribe to mode (and to wrench, in lockstep); advertise desired_wrench."""
         super().__init__("load_program")

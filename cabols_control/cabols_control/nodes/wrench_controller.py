@@ -39,6 +39,7 @@ class WrenchControllerNode(ControlNode):
     """Thin node around WrenchController."""
 
     role_topic = "live/tension_command"
+    starts_harmlessly = True
 
     def __init__(self) -> None:
         """Subscribe to wrench, setpoints, platform_pose and mode; advertise tension_command."""

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import os
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from cabols_control import end_signals
 from cabols_control.bringup.specs import LAUNCHER
+from cabols_control.command_line import DONE
 
 END_LIMIT_S = 5.0
 """Longest time that a load may keep a process from ending [s]."""
@@ -20,7 +22,7 @@ class EndedEarly(Exception):  # noqa: N818 - nothing is wrong
 
 
 class EndRequest:
-    """Notes SIGINT, SIGTERM, SIGHUP and a dead launcher; none of them ends the process by itself.
+    """Notes the signals to end and a dead launcher; none of them ends the process by itself.
 
     A launcher names itself in the environment. Where it is the parent, its death is seen by the
     parent that a child then gets; otherwise it has died before this process looked, or there is a
@@ -30,6 +32,7 @@ class EndRequest:
     def __init__(self) -> None:
         """Take over the signals, those that have waited among them."""
         self._since_s: float | None = None
+        self._at_once = False
         named = os.environ.get(LAUNCHER, "")
         self._launcher = int(named) if named.isdecimal() else 0
         self._is_parent = self._launcher == os.getppid()
@@ -37,7 +40,24 @@ class EndRequest:
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
         del number, frame
+        if self._at_once:
+            os._exit(DONE)
         self._note()
+
+    @contextmanager
+    def at_once(self, harmless: bool) -> Iterator[None]:
+        """Let a signal end the process at once, as compiling may take minutes the first time.
+
+        Args:
+            harmless: whether what is done inside leaves nothing half made; else nothing is changed.
+        """
+        self._at_once = harmless
+        try:
+            if harmless and self._since_s is not None:
+                os._exit(DONE)
+            yield
+        finally:
+            self._at_once = False
 
     def _note(self) -> None:
         if self._since_s is None:

@@ -155,6 +155,8 @@ class ControlNode(Node):
 
     role_topic = ""
     """Topic by which another node in the same role is heard; empty: there may be several."""
+    starts_harmlessly = False
+    """Whether its start opens nothing that must be closed in order, so that it may be cut short."""
 
     def __init__(self, name: str) -> None:
         """Declare the common parameters and read the rig.
@@ -287,10 +289,15 @@ class ControlNode(Node):
 
 
 def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = None) -> int:
-    """Run one control node until SIGINT, SIGTERM, SIGHUP, its launcher's death or its own failure.
+    """Run one control node until a signal to end, its launcher's death or its own failure.
 
     A node of the control path goes on while there is a load, for at most END_LIMIT_S. One that is
-    asked to end while it starts completes what it has opened, such as a bag, and ends with 0.
+    asked to end while it starts completes what it has opened, such as a bag, and ends with 0; one
+    that has opened nothing ends at once.
+
+    Args:
+        factory: class of the node, or a function that makes it.
+        arguments: for ROS; None: the process' own.
 
     Returns:
         Exit code: 0, or 1 after a failure, or 2 for a configuration that cannot be used.
@@ -298,8 +305,9 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     end = take_requests()
     try:
         transport.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        node = factory()
-        node.check_role()
+        with end.at_once(getattr(factory, "starts_harmlessly", False)):
+            node = factory()
+            node.check_role()
     except (CabolsError, ParameterException, *ROS_ARGUMENT_ERRORS) as error:
         code = fail(str(error), USAGE)
         rclpy.try_shutdown()

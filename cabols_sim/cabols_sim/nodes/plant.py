@@ -106,6 +106,7 @@ class PlantNode(BridgeNode):
     """
 
     is_rig = False
+    starts_harmlessly = True
     coupling: RobotCoupling | None = None
 
     def __init__(self) -> None:
