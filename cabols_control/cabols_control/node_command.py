@@ -39,7 +39,7 @@ ROS_FIRST = "cabols_control.ros.transport"
 """Imports rclpy, whose wheels restart Python once to find their libraries."""
 RULE, FILE, OUTPUT = ":=", "_file", "output"
 EPILOG = """Parameters are set by --ros-args -p NAME:=VALUE or --params-file FILE; indices from 0.
-Exit code: 0 ended by INT, TERM or HUP, 1 the node failed, 2 a wrong command line or file."""
+Exit code: 0 ended by INT, TERM, HUP or QUIT, 1 the node failed, 2 a wrong command line or file."""
 
 
 def node(name: str, module: str) -> Callable[[], int]:

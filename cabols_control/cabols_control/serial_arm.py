@@ -94,7 +94,7 @@ def read_serial_arm(
         ConfigError: if the file is no URDF.
     """
     try:
-        root = _parsed(path)
+        root = parse_urdf(path)
     except (OSError, ParseError, DefusedXmlException, ValueError, LookupError) as error:
         _refuse_xacro(path, getattr(error, "code", 0) == codes[XML_ERROR_UNBOUND_PREFIX])
         raise ConfigError(f"{path}: expected a URDF, got {error}") from error
@@ -152,8 +152,12 @@ def read_serial_arm(
     )
 
 
-def _parsed(path: str | Path) -> Element:
-    """Root of a URDF; names of simulators' sensors may have a prefix that nobody declared."""
+def parse_urdf(path: str | Path) -> Element:
+    """Return the root of a URDF; names of simulators' sensors may have an undeclared prefix.
+
+    Raises:
+        OSError, ParseError, DefusedXmlException, ValueError, LookupError: if it is no XML file.
+    """
     root: Element
     try:
         root = Xml.parse(str(path)).getroot()

@@ -26,6 +26,7 @@ from cabols_control.ros.parameters import declare, declare_robot
 from cabols_control.ros.qos import quality_qos
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.ticking_node import TickingNode
+from cabols_control.rotations import read_pose
 from cabols_control.stamps import set_time, time_ns
 from cabols_control.topics import FOREIGN
 
@@ -108,6 +109,8 @@ class FramesNode(TickingNode):
     def _robot_frames(self) -> Iterable[TransformStamped]:
         for message in self._joints.take()[-1:]:
             at = dict(zip(message.name, message.position, strict=False))
+            if not np.isfinite([*at.values()]).all():
+                return
             for link in self._moving:
                 yield self._transform(
                     link.parent,
@@ -121,12 +124,11 @@ class FramesNode(TickingNode):
             if not self._platform:
                 return
             p, q = message.pose.position, message.pose.orientation
-            rotation = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
-            position = np.array([p.x, p.y, p.z])
+            pose = read_pose(np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w]))
+            if pose is None:
+                return
             base = self.rig.geometry.base_frame
-            yield self._transform(
-                base, self._platform, time_ns(message.header.stamp), position, rotation
-            )
+            yield self._transform(base, self._platform, time_ns(message.header.stamp), *pose)
 
 
 def publisher(node: Node, kind: Any, topic: str) -> Any:

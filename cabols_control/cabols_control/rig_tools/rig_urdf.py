@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent, tostring
 
-import defusedxml.ElementTree as Xml
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -28,11 +27,12 @@ from cabols_control.placement import Frame
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
 from cabols_control.rig_tools.ros2_control_urdf import add_ros2_control
-from cabols_control.serial_arm import read_serial_arm
+from cabols_control.serial_arm import parse_urdf, read_serial_arm
 
 TEXT = "Write the URDF of a rig: its frame, robot, platform, sensor, tracker and reflectors."
 ROBOT_URDF = "robot.urdf"
 TRACKER, SENSOR = "tracker", "sensor"
+WORLD = "world"
 LOST = 1e-14
 """Largest error of a rotation that roll, pitch and yaw may have."""
 QUARTER = "0 1.5707963267948966 0"
@@ -62,7 +62,8 @@ def rig_urdf(rig: str = "", robot_base: Frame = NOWHERE) -> Element:
     if folder.has(ROBOT_URDF):
         path = folder.file(ROBOT_URDF)
         flange = read_serial_arm(path).flange
-        own = Xml.parse(str(path)).getroot()
+        own = parse_urdf(path)
+        _rename_world(own)
         for element in own:
             if element.tag != "mujoco":
                 root.append(element)
@@ -78,6 +79,20 @@ def rig_urdf(rig: str = "", robot_base: Frame = NOWHERE) -> Element:
     _hang_devices(root, geometry, frames)
     _check_names(root)
     return root
+
+
+def _rename_world(robot: Element) -> None:
+    """Rename a robot's own link `world`: MuJoCo would put it at the origin, whatever carries it."""
+    for element in (*robot.findall("link"), *robot.findall("joint/parent")):
+        key = "name" if element.tag == "link" else "link"
+        if element.get(key) == WORLD:
+            element.set(key, f"robot_{WORLD}")
+
+
+def _without_shapes(root: Element) -> None:
+    for link in root.findall("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
 
 
 def _let_mujoco_read(root: Element) -> None:
@@ -216,6 +231,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--robot-rotation-xyz-deg", type=_three, default=[0.0] * 3, help="of its base [deg]"
     )
     parser.add_argument(
+        "--no-shapes",
+        action="store_true",
+        help="without visual and collision parts, for programs that do not find their mesh files",
+    )
+    parser.add_argument(
         "--ros2-control", action="store_true", help="with limbs as joints of ros2_control"
     )
     parser.add_argument("--output", type=Path, default=None, help="file; default: print it")
@@ -225,6 +245,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.ros2_control:
         add_ros2_control(root, load_rig(find_rig(options.rig)))
         _check_names(root)
+    if options.no_shapes:
+        _without_shapes(root)
     text = urdf_text(root)
     if options.output is None:
         print(text, end="")
