@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import time
 from dataclasses import replace
@@ -120,6 +121,43 @@ def wait_for(path):
     while not path.exists():
         assert time.monotonic() < give_up, f"waited in vain for {path}"
         time.sleep(0.01)
+
+
+TALKS = "head -c 300000 /dev/zero | tr '\\0' x; echo; echo last; printf end; exit 3"
+
+
+def test_a_long_line_stops_no_node(node):
+    lines = []
+    ended = run([node("talks", TALKS)], on_line=lambda _, text: lines.append(text), limit_s=60.0)
+    assert (ended.overdue, ended.code) == (False, 3)
+    assert lines[-2:] == ["last", "end"]
+    assert sum(map(len, lines)) == 300_000 + len("lastend")
+
+
+@pytest.mark.parametrize("error", [BrokenPipeError(), ValueError("closed file")])
+def test_a_closed_terminal_stops_no_node(error, node, tmp_path):
+    def closed(*_):
+        raise error
+
+    ended = run([node("talks", TALKS)], on_line=closed, log_folder=tmp_path / "log", limit_s=60.0)
+    assert (ended.overdue, ended.code) == (False, 3)
+    assert (tmp_path / "log" / "talks.log").read_text().endswith("x\nlast\nend\n")
+
+
+def test_a_full_disk_stops_no_node(node, tmp_path):
+    launcher = os.fork()
+    if launcher == 0:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+        ended = run(
+            [node("talks", "yes | head -c 300000; exit 3")],
+            on_line=lambda *_: None,
+            log_folder=tmp_path / "log",
+            limit_s=60.0,
+        )
+        os._exit(0 if (ended.overdue, ended.code) == (False, 3) else 1)
+    assert os.waitpid(launcher, 0)[1] == 0
+    assert (tmp_path / "log" / "talks.log").stat().st_size <= 1000
 
 
 def test_run_that_ends_by_itself_is_not_overdue(node):

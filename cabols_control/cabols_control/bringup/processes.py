@@ -34,6 +34,8 @@ RESTART_S = 1.0
 RESTART_NICENESS = 15
 RESTARTS = 5
 """Most new starts of one node that ends again and again."""
+LONGEST_LINE = 65536
+"""Bytes of a node's output that are shown as one line."""
 _LIBC = ctypes.CDLL(None)
 
 
@@ -287,15 +289,26 @@ async def _pump(
     log_folder: Path | None,
 ) -> None:
     assert process.stdout is not None
-    log = (log_folder / f"{name}.log").open("w", encoding="utf-8") if log_folder else None
-    try:
-        while line := await process.stdout.readline():
-            text = line.decode(errors="replace").rstrip()
-            if log is not None:
-                log.write(text + "\n")
-            # A closed terminal takes no lines; the nodes must not wait for it.
+    log = (log_folder / f"{name}.log").open("wb", buffering=0) if log_folder else None
+
+    def tell(line: bytes) -> None:
+        # A closed terminal or a full disk takes no lines; the nodes must not wait for them.
+        if log is not None:
             with suppress(OSError):
-                on_line(name, text)
+                log.write(line + b"\n")
+        with suppress(OSError, ValueError):
+            on_line(name, line.decode(errors="replace").rstrip())
+
+    try:
+        rest = b""
+        while piece := await process.stdout.read(LONGEST_LINE):
+            *lines, rest = (rest + piece).split(b"\n")
+            if len(rest) >= LONGEST_LINE:
+                lines, rest = [*lines, rest], b""
+            for line in lines:
+                tell(line)
+        if rest:
+            tell(rest)
     finally:
         if log is not None:
             log.close()
