@@ -254,6 +254,10 @@ bench-analysis: setup  ## memory and time of analysing bags of up to an hour
 corpus: setup  ## read files in the forms that others write, and print the table of what is right
 	@$(BIN)/python tests/corpus/check.py
 
+bench-one-process: setup  ## both laws in one process against separate processes: round trip (goes on; ARGS=--short)
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_one_process.py $(ARGS)
+
 bench-two-hosts: setup  ## one rig on two hosts (network namespaces): delay, loss, errors (needs root; ARGS=--short)
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/two_hosts.py $(ARGS)

@@ -24,12 +24,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cabols_control.realtime.scheduling import may_use_fifo
+
 CARD = "wire"
 ADDRESSES = ("192.0.2.1/24", "192.0.2.2/24")
 """Of the hosts' cards, from the range for documentation (RFC 5737), which is routed nowhere."""
 TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
 CLONE_NEWNET = 0x40000000
 FRAME_BYTES = 65536
+RELAY = 60
+"""SCHED_FIFO priority of what carries frames: above the nodes'."""
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -153,7 +157,10 @@ def _card(name: str) -> int:
 
 
 def _carry(wire: Wire, cards: list[int], ended: threading.Event) -> None:
-    """Carry frames from card to card until the end."""
+    """Carry frames from card to card until the end, before other work where that is allowed."""
+    if may_use_fifo():
+        # Of this thread alone: its delays must not be those of a busy computer.
+        os.sched_setscheduler(threading.get_native_id(), os.SCHED_FIFO, os.sched_param(RELAY))
     chance = random.Random(wire.seed)
     other = dict(zip(cards, reversed(cards), strict=True))
     travelling: list[tuple[float, int, int, bytes]] = []

@@ -6,7 +6,8 @@ computer would add of its own, a clock that differs, is not seen here (no node c
 host's clock with its own; ages count from a message's arrival). Each case is one run of
 `multi_axis` under load in real time: on one host, on two that the kernel joins, and with delay and
 loss between them. Where the network is too bad for the loop the rig has to stop and unload, or not
-to start, and no cable may pass its limit.
+to start, and no cable may pass its limit. Finished cases are kept: another call goes on where it
+was; --fresh begins anew.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -29,12 +31,19 @@ from record import write_figures
 
 from cabols_control.bags.reader import read_bag
 from cabols_control.command_line import USAGE, fail
-from cabols_control.files.output_folder import claim
 from cabols_control.rig import load_rig
 from cabols_control.run_report.figures_of_merit import summarise
 from cabols_control.run_report.run import load_run
-from cabols_sim.bench.run import forgiving, isolated_environment, run_bench
+from cabols_sim.bench.run import (
+    forgiving,
+    isolated_environment,
+    real_time_arguments,
+    run_bench,
+)
 from cabols_sim.bringup_nodes import bench_graph
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
+from line_journal import LineJournal
 
 AT_THE_RIG = ("plant", "recorder")
 PROGRAM = "multi_axis"
@@ -91,23 +100,35 @@ def main() -> int:
     add = parser.add_argument
     add("--output", type=Path, default=Path("build/bench/two_hosts.json"))
     add("--short", action="store_true", help="the first two cases and the last")
+    add("--fresh", action="store_true", help="forget the cases that there are")
+    add("--most", type=int, default=len(CASES), help="new cases of this call")
+    add("--plain", action="store_true", help="ask the kernel for nothing")
+    add("--program", default=PROGRAM, help="that is run (default: %(default)s)")
     add("--child", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.child:
         return child(json.loads(arguments.child))
     folder = arguments.output.parent / "two_hosts"
-    claimed = claim(folder, "bench_two_hosts")
+    folder.mkdir(parents=True, exist_ok=True)
+    asked = {} if arguments.plain else real_time_arguments()
+    journal = LineJournal(folder / "cases.jsonl", fresh=arguments.fresh)
     cases = (*CASES[:2], CASES[-1]) if arguments.short else CASES
-    rows = {}
-    for number, case in enumerate(cases):
-        print(f"{case.name} ...", flush=True)
-        try:
-            rows[case.name] = run_case(case, folder / str(number))
-        except NoHostsError as error:
-            return fail(str(error), USAGE)
+    rows, new = {}, 0
+    for case in cases:
+        key = f"{case.name}, {arguments.program}"
+        if key not in journal.found:
+            if (new := new + 1) > arguments.most:
+                return 0
+            print(f"{case.name} ...", flush=True)
+            try:
+                row = run_case(case, folder / "run", {"program": arguments.program, **asked})
+            except NoHostsError as error:
+                return fail(str(error), USAGE)
+            journal.add(key, **row)
+        rows[case.name] = journal.found[key]
         print(line(case.name, rows[case.name]), flush=True)
-    claimed.finish()
-    write_figures(arguments.output, {"program": PROGRAM, "cases": rows})
+    figures = {"program": arguments.program, "asked_of_the_kernel": asked, "cases": rows}
+    write_figures(arguments.output, figures)
     print("\n".join([HEAD, *(line(name, row) for name, row in rows.items())]))
     return 0 if all(row["as_expected"] for row in rows.values()) else 1
 
@@ -121,16 +142,17 @@ def child(given: dict[str, Any]) -> int:
     return 0
 
 
-def run_case(case: Case, folder: Path) -> dict[str, Any]:
-    """Run the programme once; return the row of figures."""
+def run_case(case: Case, folder: Path, chosen: dict[str, Any]) -> dict[str, Any]:
+    """Run the programme once, with chosen arguments; return the row of figures."""
+    shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     values = {
         "record": True,
         "output": str(folder / "bag"),
         "auto_start": True,
-        "program": PROGRAM,
         "exit_when_done": True,
         **forgiving(),
+        **chosen,
     }
     every = [node.executable for node in bench_graph(robot=False)]
     rig = [name for name in every if name in AT_THE_RIG]
