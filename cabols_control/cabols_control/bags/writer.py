@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Write rosbag2 folders with one MCAP file that survives a kill of its writer."""
+"""Write rosbag2 folders of MCAP files, one or split, that survive a kill of their writer."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -140,6 +141,11 @@ class McapFile:
         """End the chunk and hand it to the kernel; from then on it survives kill -9."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
+    @property
+    def size(self) -> int:
+        """Bytes that the kernel has."""
+        return self._stream.tell()
+
     def finish(self, sync: bool = False) -> None:
         """Write index and footer; with sync, they are on the disk on return."""
         self._writer.finish()  # type: ignore[no-untyped-call]
@@ -154,16 +160,39 @@ class McapFile:
             self._stream.close()
 
 
+@dataclass(frozen=True)
+class Split:
+    """When a bag goes on in another file, as `ros2 bag record` splits: at the next flush.
+
+    Attributes:
+        size: of a file [bytes]; 0: whatever its size.
+        duration_s: from a file's first message to its last [s]; 0: however long.
+    """
+
+    size: int = 0
+    duration_s: float = 0.0
+
+    def due(self, file: McapFile) -> bool:
+        """Whether a file has become as large or as long."""
+        if not file.summary.messages:
+            return False
+        long = 1e-9 * file.summary.duration_ns >= self.duration_s > 0.0
+        return long or file.size >= self.size > 0
+
+
 class BagWriter:
     """A bag that is being recorded; not thread-safe."""
 
-    def __init__(self, folder: str | Path, metadata: dict[str, str]) -> None:
+    def __init__(
+        self, folder: str | Path, metadata: dict[str, str], split: Split | None = None
+    ) -> None:
         """Create the folder and the file.
 
         Args:
             folder: of the bag; new or empty.
             metadata: free text by key; at once in an MCAP metadata record named `cabols`, at the
                 end in metadata.yaml's custom_data.
+            split: when another file begins; None: never.
 
         Raises:
             BagError: if the folder is not empty, or cannot be created.
@@ -172,14 +201,30 @@ class BagWriter:
         self._metadata = dict(metadata)
         self._definitions = Definitions()
         self._channels: dict[str, int] = {}
+        self._split = split or Split()
+        self._full = False
+        self._whole: list[Summary] = []
+        self._added: list[tuple[str, Definition, str]] = []
         make_folder(self.folder)
-        name = mcap_name(self.folder)
-        self.path = self.folder / name
         try:
-            self._file = McapFile(self.path, name)
-            self._file.add_metadata(METADATA_NAME, self._metadata)
+            self._file = self._open()
         except OSError as error:
             raise self._failure(error) from error
+
+    def _open(self) -> McapFile:
+        """Begin the next file, with what each has of its own: metadata and topics."""
+        name = mcap_name(self.folder, len(self._whole))
+        self.path = self.folder / name
+        file = McapFile(self.path, name)
+        file.add_metadata(METADATA_NAME, self._metadata)
+        self._channels = {added[0]: file.add_channel(*added) for added in self._added}
+        return file
+
+    def _go_on(self) -> None:
+        """Complete the present file, and begin another."""
+        self._file.finish()
+        self._whole.append(self._file.summary)
+        self._file, self._full = self._open(), False
 
     def add_topic(self, topic: str, type_name: str, qos: OfferedQos | None = None) -> None:
         """Add a topic before its first message.
@@ -196,9 +241,8 @@ class BagWriter:
         if name in self._channels:
             raise BagError(f"{name}: expected a new topic, got it twice; add it once")
         definition = self._definitions.get(type_name)
-        self._channels[name] = self._file.add_channel(
-            name, definition, (qos or OfferedQos()).text()
-        )
+        self._added.append((name, definition, (qos or OfferedQos()).text()))
+        self._channels[name] = self._file.add_channel(*self._added[-1])
 
     def describe(self, metadata: dict[str, str]) -> None:
         """Replace the free text of the metadata; at once in the file, where the last one counts.
@@ -240,6 +284,8 @@ class BagWriter:
             known = ", ".join(self._channels) or "none"
             raise BagError(f"{name}: expected a topic of this bag ({known}); call add_topic first")
         try:
+            if self._full:
+                self._go_on()
             self._file.add_message(
                 self._channels[name], log_time_ns, publish_time_ns, data, sequence & 0xFFFFFFFF
             )
@@ -249,11 +295,14 @@ class BagWriter:
     def flush(self) -> None:
         """Make everything written so far safe against kill -9 (not against a power cut).
 
+        The next message goes into another file where that is due.
+
         Raises:
             BagError: if the disk refuses.
         """
         try:
             self._file.flush()
+            self._full = self._split.due(self._file)
         except OSError as error:
             raise self._failure(error) from error
 
@@ -265,7 +314,7 @@ class BagWriter:
         """
         try:
             self._file.finish()
-            write_metadata(self.folder, self._file.summary, self._metadata)
+            write_metadata(self.folder, [*self._whole, self._file.summary], self._metadata)
         except OSError as error:
             raise self._failure(error) from error
 
@@ -276,7 +325,12 @@ class BagWriter:
     @property
     def messages(self) -> dict[str, int]:
         """Number of messages by absolute topic."""
-        return {topic.name: topic.messages for topic in self._file.summary.topics}
+        files = [*self._whole, self._file.summary]
+        topics = [topic for file in files for topic in file.topics]
+        return {
+            name: sum(topic.messages for topic in topics if topic.name == name)
+            for name in self._channels
+        }
 
     def __enter__(self) -> BagWriter:
         return self

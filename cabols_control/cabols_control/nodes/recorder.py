@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.names import relative
+from cabols_control.bags.writer import Split
 from cabols_control.bringup.argument_text import listed
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.errors import ConfigError
@@ -63,6 +64,9 @@ class RecorderNode(ControlNode):
         )
         self._description = declare_row(self, CONTROL_NODES.argument("description"))
         self._free_space = declare_row(self, CONTROL_NODES.argument("free_space"))
+        size_gb = declare_row(self, CONTROL_NODES.argument("split_size"))
+        duration_s = declare_row(self, CONTROL_NODES.argument("split_duration"))
+        self._split = Split(int(1e9 * size_gb), duration_s)
         at_once = declare_row(self, CONTROL_NODES.argument("record_at_start"))
         also = declare_row(self, CONTROL_NODES.argument("record_also"))
         self._rows = [*_checked(names), *_further(also)]
@@ -127,7 +131,8 @@ class RecorderNode(ControlNode):
     def _new(self, folder: Path) -> Recording:
         if lack := lack_of_space(folder, self._free_space):
             raise BagError(lack)
-        return Recording(self, folder, self._rows, self._texts(), self._period, self._ended)
+        how = (self._texts(), self._period, self._ended, self._split)
+        return Recording(self, folder, self._rows, *how)
 
     def begin(self) -> None:
         """Start recording."""

@@ -16,7 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.metadata import OfferedQos
-from cabols_control.bags.writer import BagWriter
+from cabols_control.bags.writer import BagWriter, Split
 from cabols_control.realtime.scheduling import be_ordinary, collect_young
 from cabols_control.ros.loop import IDLE_NS, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode
@@ -46,6 +46,7 @@ class Recording:
         texts: dict[str, str],
         period_s: float,
         on_end: Callable[[bool], None],
+        split: Split | None = None,
     ) -> None:
         """Create the bag and subscribe, on the loop's topics in join(); start() begins.
 
@@ -56,6 +57,7 @@ class Recording:
             texts: for the bag's metadata.
             period_s: between two flushes [s].
             on_end: called by each thread at its end, with whether it failed.
+            split: when another file of the bag begins; None: never.
 
         Raises:
             BagError: if the bag cannot be created, or exists.
@@ -63,7 +65,7 @@ class Recording:
         self._node = node
         self._period = period_s
         self._on_end = on_end
-        self._writer = BagWriter(folder, texts)
+        self._writer = BagWriter(folder, texts, split)
         self._topics = [RecordedTopic(node, row) for row in rows]
         for topic in self._topics:
             qos = OfferedQos(
