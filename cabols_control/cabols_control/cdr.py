@@ -65,17 +65,27 @@ class Content(Protocol):
     """Source of what is the same in all messages of one layout."""
 
     def length(self, name: str, offset: int, /) -> int:
-        """Return the length of a sequence, which the message holds at this offset."""
+        """Return the length of a sequence.
+
+        Args:
+            name: dotted name of its field, for messages.
+            offset: of the aligned 4-byte length, from the start of the header [bytes].
+        """
 
     def text(self, name: str, offset: int, /) -> bytes:
-        """Return a string with its closing zero byte; its length stands at this offset."""
+        """Return a string with its closing zero byte.
+
+        Args:
+            name: dotted name of its field, for messages.
+            offset: of the aligned 4-byte length before it, from the start of the header [bytes].
+        """
 
 
 def align(offset: int, size: int) -> int:
     """Return the next multiple of size, counted from the end of the 4-byte CDR header.
 
     Args:
-        offset: in the message, its header not counted [bytes].
+        offset: in the message, from the start of the header, as the answer [bytes].
         size: of the value that is aligned [bytes].
     """
     return HEADER_SIZE - (HEADER_SIZE - offset) // size * size

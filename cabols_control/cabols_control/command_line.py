@@ -49,7 +49,16 @@ class CommandParser(argparse.ArgumentParser):
     def parse_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> argparse.Namespace:
-        """Parse; exits with 2 and a suggestion for what is not known."""
+        """Parse a command line.
+
+        Args:
+            args: words after the command's name; None: those of this process.
+            namespace: takes the values, as in argparse; None: a new one.
+
+        Raises:
+            SystemExit: 2 for what is not known, with a suggestion, or is missing; 0 after help
+                or version.
+        """
         words = list(sys.argv[1:] if args is None else args)
         # Before argparse itself, which complains of missing arguments first.
         if misspelt := self._misspelt(words):

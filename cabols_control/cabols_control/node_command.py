@@ -94,7 +94,17 @@ def without_ros() -> str:
 
 
 def check_node_arguments(name: str, module: str, words: Sequence[str]) -> None:
-    """Print help or version and exit, or exit with 2 if a node could not obey its command line."""
+    """Judge a node's command line before ROS reads it; return if the node may start.
+
+    Args:
+        name: of the executable, and of the node.
+        module: full name of the module that declares its parameters.
+        words: command line after the executable's name.
+
+    Raises:
+        SystemExit: 0 after help or version; 2 if the node could not obey: an unknown word or
+            parameter, a file that is not there, an output folder with files in it.
+    """
     parser = node_parser(name, module)
     own, ros = split_ros_arguments(words)
     # parse_known_args, as a node has no options of its own but --help and --version.
@@ -121,7 +131,12 @@ def check_node_arguments(name: str, module: str, words: Sequence[str]) -> None:
 
 
 def node_parser(name: str, module: str) -> CommandParser:
-    """Return a parser whose help lists the node's parameters."""
+    """Return a parser whose help lists the node's parameters.
+
+    Args:
+        name: of the executable.
+        module: full name of the module that declares them; it is read, not imported.
+    """
     text = docstring_of(module)
     listed = "\n".join(_lines(declared_parameters(module)))
     return CommandParser(name, f"{text}\n\nparameters:\n{listed}", EPILOG)
@@ -150,12 +165,22 @@ def split_ros_arguments(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def given_parameters(name: str, ros: Sequence[str]) -> list[str]:
-    """Return the names of the parameters that ROS arguments give to a node of this name."""
+    """Return the names of the parameters that ROS arguments give to a node, in their order.
+
+    Args:
+        name: of the node; what is meant for others is left out.
+        ros: words for ROS, as split_ros_arguments returns them.
+    """
     return [parameter for parameter, _ in _given(name, ros)]
 
 
 def given_files(name: str, ros: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield the parameters that name a file which is not there, with the file."""
+    """Yield the parameters that name a file which is not there, with the file.
+
+    Args:
+        name: of the node; what is meant for others is left out.
+        ros: words for ROS, as split_ros_arguments returns them.
+    """
     for parameter, value in _given(name, ros):
         named = parameter.endswith(FILE) and isinstance(value, str) and value
         if named and not Path(value).is_file():

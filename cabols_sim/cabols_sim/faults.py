@@ -162,7 +162,16 @@ class PlantFaults:
         lines: BoolArray,
         active_low: bool,
     ) -> None:
-        """Change encoder counts (n,), gauge voltages (6,) and switch lines (n,)."""
+        """Change what the card reads, in place.
+
+        Args:
+            now_s: the plant's time [s].
+            counts_per_metre: of the encoders, by cable length [1/m].
+            counts: (n,) of the encoders.
+            volts: (6,) of the force/torque sensor's gauges [V].
+            lines: (n,) levels of the limit switches' inputs.
+            active_low: whether a closed switch pulls its line down.
+        """
         for fault in self._active:
             kind, i = fault.kind, fault.limb
             if kind == "encoder_jump":

@@ -6,12 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cabols_control.commissioning.programmes import (
-    CommissioningConfig,
-    CommissioningError,
-    make_ramp,
-    make_step,
-)
+from cabols_control.commissioning.programmes import CommissioningConfig, CommissioningError
 from cabols_control.commissioning.results import (
     LimbResult,
     cable_tension_by_wrench,
@@ -20,6 +15,7 @@ from cabols_control.commissioning.results import (
     evaluate_step,
     write_results,
 )
+from cabols_control.commissioning.rig_programmes import make_ramp, make_step
 from cabols_control.configuration import read_yaml
 from cabols_control.errors import ShapeError
 from cabols_control.kinematics import cable_lengths, structure_matrix

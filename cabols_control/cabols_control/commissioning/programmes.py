@@ -7,18 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, in_range
 from cabols_control.errors import CabolsError
-from cabols_control.kinematics import structure_matrix
 from cabols_control.limb_control.records import ControlKind
 from cabols_control.naming import limb_name, limb_names
 from cabols_control.result_code import ResultCode
 
 if TYPE_CHECKING:
     from cabols_control.limb_control.controller import LimbSample
-    from cabols_control.rig import Rig
 
 COLUMNS = ("time", "current", "wound_length", "elongation", "tension")
 STEP, RAMP = "step", "ramp"
@@ -161,7 +158,15 @@ class Programme:
         raise NotImplementedError
 
     def advance(self, wound: float, closed: bool) -> tuple[int, float]:
-        """Return kind and value for one sample within the guards."""
+        """Return the command for one sample within the guards.
+
+        Args:
+            wound: cable length on the limb's winch, less when paid out [m].
+            closed: whether its limit switch is closed, as under a tight cable.
+
+        Returns:
+            ControlKind and its value: current [A], speed, positive winds [m/s], or tension [N].
+        """
         raise NotImplementedError
 
     def take(self, current: float) -> None:
@@ -227,7 +232,12 @@ class StepProgramme(Programme):
         self._enter("slacken")
 
     def advance(self, wound: float, closed: bool) -> tuple[int, float]:
-        """Return kind and value of the present phase."""
+        """Return the command of the present phase; aborts on a way or a switch that cannot be.
+
+        Args:
+            wound: cable length on the winch [m].
+            closed: whether the limit switch is closed.
+        """
         if not abs(wound - self._home) <= 1.5 * self._config.travel:
             self.abort(
                 f"travelled {abs(wound - self._home):.3f} m, {self._config.travel:g} m meant"
@@ -309,7 +319,7 @@ class RampProgramme(Programme):
             config: how to excite.
             tension_max: of the rig [N].
             hold: holding tension [N].
-            peak: highest tension, see largest_ramp [N].
+            peak: highest tension, see rig_programmes.largest_ramp [N].
         """
         super().__init__(limb, config, tension_max)
         self.peak = in_range("peak", peak, 2.0 * hold, tension_max)
@@ -329,7 +339,12 @@ class RampProgramme(Programme):
         return self._wrench_times[taken].copy(), self._wrenches[taken].copy()
 
     def take_wrench(self, stamp_s: float, wrench: FloatArray) -> None:
-        """Record one (6,) wrench on the platform, platform axes [N, N m]."""
+        """Record one measured wrench, between the programme's first sample and its end.
+
+        Args:
+            stamp_s: of its measurement [s].
+            wrench: (6,) on the platform, platform axes [N, N m].
+        """
         row = self._wrench_rows
         if self._recording and not self.done and row < self._wrenches.shape[0]:
             self._wrench_times[row], self._wrenches[row] = stamp_s, wrench
@@ -349,52 +364,15 @@ class RampProgramme(Programme):
         self._enter("ramp")
 
     def advance(self, wound: float, closed: bool) -> tuple[int, float]:
-        """Return the ramp's tension."""
+        """Return the ramp's tension.
+
+        Args:
+            wound: not looked at, as the ramp goes by time alone.
+            closed: likewise.
+        """
         del wound, closed
         elapsed = self._elapsed()
         if elapsed > self._times[-1]:
             self.done = True
             return ControlKind.REST, 0.0
         return ControlKind.TENSION, float(np.interp(elapsed, self._times, self._corners))
-
-
-def make_step(rig: Rig, limb: int, config: CommissioningConfig) -> StepProgramme:
-    """Return the step programme for a limb of a rig."""
-    control = rig.control
-    return StepProgramme(
-        limb, config, control.tension_max, control.pretension_speed, control.free_speed
-    )
-
-
-def make_ramp(
-    rig: Rig, limb: int, config: CommissioningConfig, position: ArrayLike, rotation: ArrayLike
-) -> RampProgramme:
-    """Return the ramp programme for a limb of a rig, no higher than its sensor and cables bear.
-
-    Args:
-        rig: configuration.
-        limb: index from 0.
-        config: how to excite.
-        position: (3,) of the platform [m].
-        rotation: (3, 3) from platform to base axes.
-    """
-    column = structure_matrix(rig.geometry, position, rotation)[:, limb]
-    requested = min(config.ramp_tension, rig.control.tension_max)
-    peak = largest_ramp(column, rig.control.rated, requested)
-    return RampProgramme(limb, config, rig.control.tension_max, rig.holding_tension, peak)
-
-
-def largest_ramp(column: FloatArray, rated: FloatArray, peak: float, margin: float = 0.9) -> float:
-    """Highest tension that the force/torque sensor can measure on one cable.
-
-    Args:
-        column: (6,) of the structure matrix.
-        rated: (6,) range of the sensor [N, N m].
-        peak: requested tension of the ramp [N].
-        margin: share of the range that may be used.
-
-    Returns:
-        peak, or less [N].
-    """
-    reach = margin * rated / np.maximum(np.abs(column), 1e-9)
-    return float(min(peak, reach.min()))

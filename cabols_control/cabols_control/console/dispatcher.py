@@ -41,10 +41,20 @@ class Rig(Protocol):
     """Services and actions of the rig, as any ROS client could call them."""
 
     async def call(self, service: str, fields: dict[str, Any]) -> Answer:
-        """Call a service."""
+        """Call a service and wait for its answer, or for the end of the caller's patience.
+
+        Args:
+            service: its name, without the rig's namespace.
+            fields: of the request, by name; the others keep their defaults.
+        """
 
     async def start(self, action: str, fields: dict[str, Any]) -> Answer:
-        """Send an action's goal."""
+        """Send an action's goal; the answer says whether it was accepted, not how it ended.
+
+        Args:
+            action: its name, without the rig's namespace.
+            fields: of the goal, by name; the others keep their defaults.
+        """
 
     async def cancel(self, action: str) -> Answer:
         """Cancel an action that was started here."""
@@ -136,7 +146,13 @@ class Dispatcher:
         self.publish_operator()
 
     def open(self, page: str, session: str, address: str) -> Viewer:
-        """Register a page; pages gone for longer than FORGET_S are dropped."""
+        """Register a page; pages gone for longer than FORGET_S are dropped.
+
+        Args:
+            page: its id, another one each time it is loaded.
+            session: id of its browser, the same in all of its tabs.
+            address: of the browser, which others see in the page's name.
+        """
         now = self._clock()
         for key in [k for k, v in self.viewers.items() if now - v.answered_s > FORGET_S]:
             del self.viewers[key]
@@ -183,19 +199,42 @@ class Dispatcher:
         )
 
     async def call(self, page: str, service: str, **fields: Any) -> Answer:
-        """Call a service for a page."""
+        """Call a service for a page, and log it.
+
+        Args:
+            page: its id.
+            service: its name; without command, a page may only call those of FREE_FOR_ALL.
+            **fields: of the request.
+
+        Returns:
+            The service's answer, or why the page may not call it.
+        """
         refusal = self._refusal(page, service)
         answer = Answer(False, refusal) if refusal else await self.rig.call(service, fields)
         return self._log(service, fields, answer)
 
     async def start(self, page: str, action: str, **fields: Any) -> Answer:
-        """Start an action for a page."""
+        """Start an action for a page, and log it.
+
+        Args:
+            page: its id.
+            action: its name.
+            **fields: of the goal.
+
+        Returns:
+            Whether the goal was accepted, or why the page may not send it.
+        """
         refusal = self._refusal(page, action)
         answer = Answer(False, refusal) if refusal else await self.rig.start(action, fields)
         return self._log(action, fields, answer)
 
     async def cancel(self, page: str, action: str) -> Answer:
-        """Cancel an action for a page."""
+        """Cancel an action for a page, and log it.
+
+        Args:
+            page: its id.
+            action: its name; only what this console has started can be cancelled.
+        """
         refusal = self._refusal(page, action)
         answer = Answer(False, refusal) if refusal else await self.rig.cancel(action)
         return self._log(f"cancel {action}", {}, answer)

@@ -76,7 +76,13 @@ class LatestValues:
                 self._state_text = ""
 
     def tell(self, level: str, source: str, text: str) -> None:
-        """Add a line to the log; the same line again within a second is dropped."""
+        """Add a line to the log; the same line again within a second is dropped.
+
+        Args:
+            level: INFO, NOTICE, WARNING or FAULT.
+            source: the node, device or operator that it is about.
+            text: what happened, and why, for people.
+        """
         now = time.time()
         with self._lock:
             for event in reversed(self._events):

@@ -200,7 +200,15 @@ async def answer(
     headers: list[tuple[bytes, bytes]] | None = None,
     html_page: bool = False,
 ) -> None:
-    """Send a whole response."""
+    """Send a whole response, which browsers must not store.
+
+    Args:
+        send: ASGI's, of the request.
+        status: HTTP status code.
+        text: of the body, sent as UTF-8.
+        headers: names in lower case and values, beside those of every response.
+        html_page: whether the text is HTML; else it is plain.
+    """
     kind = b"text/html; charset=utf-8" if html_page else b"text/plain; charset=utf-8"
     body = text.encode()
     base = [(b"content-type", kind), (b"content-length", str(len(body)).encode())]

@@ -92,7 +92,18 @@ class LoopReport:
 def first_report(
     node: str, state: int, reason: str, now_s: float, fault: FaultName | None = None
 ) -> LoopReport:
-    """Return the report of a node that has reported on /diagnostics only."""
+    """Return the report of a node that has reported on /diagnostics only.
+
+    Args:
+        node: its name.
+        state: LoopStatus' number.
+        reason: why it is so, for people.
+        now_s: when it was heard, monotonic clock [s].
+        fault: what is not well; None for nothing.
+
+    Returns:
+        No cycles, and NaN for every time that only a LoopStatus tells.
+    """
     none = (math.nan, math.nan)
     return LoopReport(node, state, reason, 0, 0, 0, 0, none, none, now_s, now_s, math.nan, fault)
 
@@ -128,7 +139,15 @@ def mode_view(mode: int | None, reason: str, held: str = "") -> dict[str, Any]:
 
 
 def level_of(report: LoopReport, now_s: float) -> str:
-    """Return the level of a node's state."""
+    """Return the level of a node's state.
+
+    Args:
+        report: newest one of the node.
+        now_s: monotonic clock [s].
+
+    Returns:
+        OK, WAIT, WARN, BAD, or OFF if it has been silent for longer than SILENT_S.
+    """
     if not now_s - report.heard_s <= SILENT_S:
         return OFF
     if report.state == 2:
@@ -139,7 +158,16 @@ def level_of(report: LoopReport, now_s: float) -> str:
 
 
 def loop_rows(reports: Mapping[str, LoopReport], now_s: float) -> list[dict[str, Any]]:
-    """One row for each node that has ever reported, by name."""
+    """One row for each node that has ever reported, by name.
+
+    Args:
+        reports: newest one of each node, by the node's name.
+        now_s: monotonic clock [s].
+
+    Returns:
+        Numbers as the page shows them: rate [Hz], late [-, %], lost [-], medians of work and round
+        trip and the trip's 99th percentile [us].
+    """
     rows = []
     for name, report in sorted(reports.items()):
         level = level_of(report, now_s)
@@ -174,7 +202,16 @@ class Measured:
 def device_rows(
     reports: Mapping[str, LoopReport], measured: Measured | None, now_s: float
 ) -> list[dict[str, str]]:
-    """Return card, force/torque sensor, robot's stream and tracker's beam as nodes report them."""
+    """Return card, force/torque sensor, robot's stream and tracker's beam as nodes report them.
+
+    Args:
+        reports: newest one of each node, by the node's name.
+        measured: the tracker's newest measurement; None before the first.
+        now_s: monotonic clock [s].
+
+    Returns:
+        Rows of device, level (OK, WAIT, WARN, BAD or OFF) and text.
+    """
     bridge = next((reports[name] for name in BRIDGES if name in reports), None)
     rows = [_card(bridge, now_s), _sensor(bridge, now_s), _robot(reports.get(ROBOT), now_s)]
     rows.append(_beam(measured))

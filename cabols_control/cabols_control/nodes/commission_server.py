@@ -19,10 +19,9 @@ from cabols_control.commissioning.programmes import (
     CommissioningError,
     Programme,
     RampProgramme,
-    make_ramp,
-    make_step,
 )
 from cabols_control.commissioning.results import evaluate_ramp, evaluate_step
+from cabols_control.commissioning.rig_programmes import make_ramp, make_step
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.limb_control.controller import LimbController

@@ -122,6 +122,15 @@ def capacity_task(
 ) -> CapacityTask:
     """Check and scale the arguments of `capacity_along`.
 
+    Args:
+        geometry: attachment points of n cables.
+        tension_min: number or (n,) [N].
+        tension_max: number or (n,) [N].
+        required: wrenches (q, 6) that must be feasible at once [N, N m].
+        platform_axes: whether they are given in platform axes; else in base axes.
+        weights: (6,) positive, of the wrench's components; None for those of `distribute`.
+        platform: its weight, held beside the required wrenches.
+
     Raises:
         ShapeError: if an argument has another shape or is not finite.
         CabolsError: if a lower limit is above its upper limit or a weight is not positive.

@@ -75,7 +75,12 @@ class Progress:
         self._thread.join()
 
     def line(self, node: str, text: str) -> None:
-        """Show a node's line if it is an event, a warning or an error."""
+        """Show a node's line if it is an event, a warning or an error.
+
+        Args:
+            node: that has written it.
+            text: the line as it came.
+        """
         read = read_line(text)
         if node == "load_program":
             self._starting = False

@@ -112,6 +112,14 @@ def judge(kind: str, seed: int, data: TrialData) -> TrialResult:
     CARD_WATCHDOG_S into the gap if the first sample after it finds them at zero. Where it is gone
     for good, and with it the simulated physics, the rig counts as safe: that watchdog is shown by
     the frozen bridge and by tests/hw/test_daq_contract.py.
+
+    Args:
+        kind: of the trial's fault, for the result.
+        seed: of its draw, for the result.
+        data: what was recorded.
+
+    Returns:
+        The figures; times are inf where nothing was detected or the rig did not get safe.
     """
     # A notice may have another cause: it counts only where no fault is ever reported.
     telling = [report for report in data.reports if report.fault] or data.reports

@@ -59,7 +59,15 @@ def _command() -> FloatArray:
 
 
 def model_response(time: FloatArray, command: FloatArray) -> FloatArray:
-    """1000/(s + 10)^3 on a command held between samples, from rest at its first value; by scipy."""
+    """1000/(s + 10)^3 on a command held between samples, from rest at its first value; by scipy.
+
+    Args:
+        time: (k,) evenly spaced [s].
+        command: (k,) [N].
+
+    Returns:
+        (k,) tension [N].
+    """
     system = ([-np.prod(POLES)], np.real(np.poly(POLES)))
     numerator, denominator, _ = signal.cont2discrete(system, time[1] - time[0])
     change = signal.lfilter(numerator[0], denominator, command - command[0])
@@ -67,7 +75,14 @@ def model_response(time: FloatArray, command: FloatArray) -> FloatArray:
 
 
 def run_step(limbs: LimbPlantConfig, limb: int, k_e: float) -> LimbTrace:
-    """Step a limb's tension up and down again; k_e decides whether there is a spring."""
+    """Step a limb's tension up and down again.
+
+    Args:
+        limbs: true physics of all limbs, with springs.
+        limb: index from 0.
+        k_e: stiffness that the limb law is designed for [N/m]; with any other than K_SPRING the
+            limbs run without their springs.
+    """
     gains = limb_gains(bench().rig.limbs.models[limb], k_e, POLES)
     fitted = limbs if k_e == K_SPRING else without_spring(limbs)
     return control_limb(fitted, limb, gains, k_e, _command())

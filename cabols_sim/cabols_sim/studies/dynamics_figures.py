@@ -31,7 +31,12 @@ PAIR = ("#1f77b4", "#d95f02")
 
 
 def draw_layout(robot: CableRobot, run: CaseRun) -> Figure:
-    """Layout of the planar case and its trajectory, as figures 2.3 and 2.4."""
+    """Layout of the planar case and its trajectory, as figures 2.3 and 2.4.
+
+    Args:
+        robot: attachment points; x and y of the plane count [m].
+        run: of the case; the platform is drawn where it is at half time.
+    """
     figure = new_figure(10.5, 4.2)
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
     middle = run.coordinates[run.time.size // 2]
@@ -170,7 +175,12 @@ def draw_balance(motions: Mapping[str, Trajectory]) -> Figure:
 
 
 def draw_frequencies(found: Frequencies, fastest: float) -> Figure:
-    """Natural frequencies along a load programme; fastest: crossover of a limb's loop [rad/s]."""
+    """Natural frequencies along a load programme, below the tensions that cause them.
+
+    Args:
+        found: frequencies and tensions of k instants.
+        fastest: crossover of a limb's loop, drawn as the limit [rad/s].
+    """
     figure = new_figure(10.5, 6.4)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(1.0, 1.6))
     for i in range(found.tension.shape[1]):

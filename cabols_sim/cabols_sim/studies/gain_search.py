@@ -52,7 +52,12 @@ def program_samples(program: LoadProgram) -> FloatArray:
 
 
 def judge(trace: Trace, rig: Rig) -> Judgement:
-    """Reduce a run of the compiled loop to what a design is chosen by."""
+    """Reduce a run of the compiled loop to what a design is chosen by.
+
+    Args:
+        trace: of a programme of steps.
+        rig: its rated wrench decides which changes of the desired one are steps.
+    """
     response = analyse_steps(trace.time, trace.desired, trace.measured, rig.control.rated)
     return Judgement(
         rise_time=float(np.median(response.rise_times)),
@@ -63,7 +68,13 @@ def judge(trace: Trace, rig: Rig) -> Judgement:
 
 
 def redesign(rig: Rig, poles: list[float], zero: float) -> Rig:
-    """Return the same rig with other poles and zero."""
+    """Return the same rig with other poles and zero.
+
+    Args:
+        rig: configuration.
+        poles: four of (3.26), with negative real parts [1/s].
+        zero: lies at -abs(zero) [1/s].
+    """
     return Rig(rig.geometry, rig.limbs, replace(rig.control, poles=poles, zero=zero))
 
 

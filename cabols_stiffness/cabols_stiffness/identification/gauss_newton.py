@@ -64,7 +64,12 @@ class Parameters:
     friction: FloatArray
 
     def law(self, friction_state: FloatArray | None, published: bool) -> Law:
-        """Return the joints' law; friction_state (k, 6) is the samples' share of it, -1 to 1."""
+        """Return the joints' law.
+
+        Args:
+            friction_state: (k, 6) each sample's share of the friction torque, -1 to 1; None: none.
+            published: whether to take the source's (4.15) instead of the exact balance.
+        """
         friction = None if friction_state is None else self.friction * friction_state
         return Law(1.0 / self.compliance, self.cubic, friction, published)
 

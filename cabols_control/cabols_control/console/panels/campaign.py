@@ -91,7 +91,12 @@ class CampaignPanel:
             self._shown = self._reports.content = content
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:
-        """Follow the state."""
+        """Show a new state, and enable what may be done in it.
+
+        Args:
+            state: of the rig, as LatestValues.state returns it.
+            commanding: whether this page is in command.
+        """
         run = activity(state, ACTION)
         campaign = state.get("campaign") or {}
         active = bool(campaign.get("active"))

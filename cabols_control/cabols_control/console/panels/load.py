@@ -131,7 +131,12 @@ class LoadPanel:
         self._judge(self._feasible, "fault", f"Upload refused: {reason}")
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:
-        """Follow the state."""
+        """Show a new state, and enable what may be done in it.
+
+        Args:
+            state: of the rig, as LatestValues.state returns it.
+            commanding: whether this page is in command.
+        """
         doing = activity(state, "run_program")
         busy = bool(doing.get("busy"))
         loading = mode_of(state)["name"] == "LOADING"

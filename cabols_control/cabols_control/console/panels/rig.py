@@ -25,7 +25,14 @@ ROBOT_MODES = (OperatingMode.STOPPED, OperatingMode.FREE_MOVING)
 
 
 def button(text: str, on_click: Any, name: str, colour: str = "blue-grey-8") -> ui.button:
-    """Make a button in the page's style; `name` is for tests and scripts."""
+    """Make a button in the page's style.
+
+    Args:
+        text: on it.
+        on_click: NiceGUI's handler, plain or a coroutine, with or without the event.
+        name: its attribute data-name, by which tests and scripts find it.
+        colour: Quasar's name of it.
+    """
     made = ui.button(text, on_click=on_click, color=colour)
     made.props(f"unelevated dense padding='8px 10px' data-name={name}")
     return made
@@ -34,7 +41,15 @@ def button(text: str, on_click: Any, name: str, colour: str = "blue-grey-8") -> 
 def chooser(
     options: dict[int, str], label: str, text: str, on_click: Any, name: str
 ) -> tuple[ui.select, ui.button]:
-    """Make a choice and, beside it, the button that acts on it."""
+    """Make a choice and, beside it, the button that acts on it.
+
+    Args:
+        options: what is shown, by value; 0 is chosen at first, so it must be one.
+        label: of the choice.
+        text: on the button.
+        on_click: handler of the button.
+        name: of the button, see `button`.
+    """
     with ui.row().classes("items-center no-wrap full-width rowed").style("margin-top:6px"):
         choice = ui.select(options, value=0, label=label).style("flex:1")
         choice.props("dense outlined options-dense")
@@ -72,7 +87,15 @@ def mode_of(state: dict[str, Any]) -> dict[str, Any]:
 
 
 def activity(state: dict[str, Any], action: str) -> dict[str, Any]:
-    """Return the state of an action."""
+    """Return an action's part of the state.
+
+    Args:
+        state: of the rig, as LatestValues.state returns it.
+        action: its name.
+
+    Returns:
+        busy, progress (0 to 1) and text; empty if this console has not started it yet.
+    """
     found: dict[str, Any] = (state.get("activities") or {}).get(action) or {}
     return found
 
@@ -116,7 +139,12 @@ class ModePanel:
         await self._own.call("record", data=not self._recording)
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:
-        """Follow the state."""
+        """Show a new state, and enable what may be done in it.
+
+        Args:
+            state: of the rig, as LatestValues.state returns it.
+            commanding: whether this page is in command.
+        """
         mode, command = mode_of(state), (commanding, COMMAND)
         for wanted, made in self._modes.items():
             told = f"Not after {mode['name']}." if mode["name"] else "No mode arrives."
@@ -164,7 +192,12 @@ class RobotPanel:
         )
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:
-        """Follow the state."""
+        """Show a new state, and enable what may be done in it.
+
+        Args:
+            state: of the rig, as LatestValues.state returns it.
+            commanding: whether this page is in command.
+        """
         moving = activity(state, "move_to_configuration")
         allowed = mode_of(state)["number"] in [int(mode) for mode in ROBOT_MODES]
         command, busy = (commanding, COMMAND), bool(moving.get("busy"))
@@ -219,7 +252,12 @@ class LimbPanel:
         )
 
     def refresh(self, state: dict[str, Any], commanding: bool) -> None:
-        """Follow the state."""
+        """Show a new state, and enable what may be done in it.
+
+        Args:
+            state: of the rig, as LatestValues.state returns it.
+            commanding: whether this page is in command.
+        """
         doing = activity(state, "commission_limb")
         busy = bool(doing.get("busy"))
         command = (commanding, COMMAND)

@@ -101,7 +101,12 @@ class FoxgloveLink:
 
 
 def scene_update(rig: Rig, shapes: list[Shape]) -> Any:
-    """Shapes as Foxglove's SceneUpdate, an entity for each group."""
+    """Shapes as Foxglove's SceneUpdate, an entity for each group.
+
+    Args:
+        rig: whose base frame the shapes are in.
+        shapes: bodies; each entity replaces the one of its group in the scene before.
+    """
     from foxglove import messages as fox
 
     def pose(shape: Shape) -> Any:

@@ -86,7 +86,16 @@ def load_scene(rig: str | Path | RigFolder = "", path: str | Path | None = None)
 
 
 def scene_numbers(rig: Rig, scene: SceneConfig) -> dict[str, Any]:
-    """Everything that the page's script draws and scales with, ready for JSON."""
+    """Everything that the page's script draws and scales with, ready for JSON.
+
+    Args:
+        rig: geometry, limits of tension and current, range of the force/torque sensor.
+        scene: robot, reflectors and tracker.
+
+    Returns:
+        By name, in the units and frames of RigGeometry, ControlConfig and SceneConfig; robot and
+        tracker are None where there is none.
+    """
     robot = None
     if scene.joint_offsets is not None:
         robot = {

@@ -69,7 +69,15 @@ def rod(
     diameter: float,
     colour: tuple[float, float, float],
 ) -> Shape:
-    """A cylinder between two points."""
+    """A cylinder between two points.
+
+    Args:
+        group: that it belongs to, see Shape.
+        start: (3,) centre of one end face, base frame [m].
+        end: (3,) centre of the other [m].
+        diameter: [m].
+        colour: red, green, blue, 0 to 1.
+    """
     along = np.asarray(end) - np.asarray(start)
     length = max(float(np.linalg.norm(along)), 1e-9)
     axis = along / length
@@ -84,7 +92,14 @@ def rod(
 def ball(
     group: str, place: FloatArray, diameter: float, colour: tuple[float, float, float]
 ) -> Shape:
-    """A sphere."""
+    """A sphere.
+
+    Args:
+        group: that it belongs to, see Shape.
+        place: (3,) of its centre, base frame [m].
+        diameter: [m].
+        colour: red, green, blue, 0 to 1.
+    """
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     return Shape(group, SPHERE, np.asarray(place), upright, (diameter,) * 3, colour)
 

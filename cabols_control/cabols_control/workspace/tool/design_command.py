@@ -58,7 +58,16 @@ class Choices(NamedTuple):
 
 
 def optimise(problem: DesignProblem, pool: Workers, options: argparse.Namespace) -> OptimizeResult:
-    """Minimise the cost by differential evolution, from the reference bench and random rigs."""
+    """Minimise the cost by differential evolution, from the reference bench and random rigs.
+
+    Args:
+        problem: pattern of the attachment points, and cost of its parameters.
+        pool: computes the costs of a generation.
+        options: of the command: generations, population (at least 5 are taken), seed.
+
+    Returns:
+        scipy's: x the best parameters, as in design_bounds, fun their cost.
+    """
     rng = np.random.default_rng(options.seed)
     bounds, reference = np.array(design_bounds(problem.pattern)), reference_of(problem.pattern)
     lower, upper = bounds.T

@@ -69,7 +69,14 @@ def _equal(axes: Any, points: FloatArray) -> None:
 def draw_solids(
     rigs: list[RigGeometry], solids: list[tuple[str, Mesh]], path: Path, title: str
 ) -> None:
-    """Draw meshes in their rigs, one panel each, with their volumes."""
+    """Draw meshes in their rigs, one panel each, with their volumes.
+
+    Args:
+        rigs: one for each mesh.
+        solids: names and meshes, base frame [m].
+        path: of the picture; its suffix names the format.
+        title: above it.
+    """
     rows = -(-len(solids) // 3)
     columns = -(-len(solids) // rows)
     figure = Figure(figsize=(4.2 * columns, 4.2 * rows + 0.4), layout="constrained")
@@ -86,7 +93,13 @@ def draw_solids(
 
 
 def draw_slices(found: WorkspaceMap, path: Path, title: str) -> None:
-    """Draw the least factor over the orientations in three planes through the grid's middle."""
+    """Draw the least factor over the orientations in three planes through the grid's middle.
+
+    Args:
+        found: a map of a grid in space.
+        path: of the picture; its suffix names the format.
+        title: above it.
+    """
     grid, factor = found.grid, found.capacity.factor.min(axis=-1)
     axes_m = (grid.x, grid.y, grid.z)
     free = found.free.all(axis=-1)
@@ -150,7 +163,14 @@ def draw_plane(found: WorkspaceMap, geometry: RigGeometry, path: Path, title: st
 def draw_trajectory(
     capacity: Capacity, clearance: Clearance, free_above: float, path: Path
 ) -> None:
-    """Draw capacity margin, factor and clearances along a trajectory."""
+    """Draw capacity margin, factor and clearances along a trajectory.
+
+    Args:
+        capacity: of its k poses.
+        clearance: of the same; a row that is not finite everywhere is left out [m].
+        free_above: clearance that is required, drawn as the limit [m].
+        path: of the picture; its suffix names the format.
+    """
     number = np.arange(capacity.margin.size)
     figure = Figure(figsize=(8.0, 6.4), layout="constrained")
     panels: Any = figure.subplots(3, 1, sharex=True)
@@ -170,7 +190,15 @@ def draw_trajectory(
 
 
 def draw_turns(x: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray, path: Path) -> None:
-    """Draw how far the platform may turn about z without interference, over a plane [deg]."""
+    """Draw how far the platform may turn about z without interference, over a plane.
+
+    Args:
+        x: (a,) positions, base frame [m].
+        y: (b,) likewise.
+        low: (a, b) least certified angle, 0 or negative [rad].
+        high: (a, b) largest one [rad].
+        path: of the picture; its suffix names the format.
+    """
     figure = Figure(figsize=(9.0, 3.9), layout="constrained")
     panels: Any = figure.subplots(1, 2)
     for axes, angle, name in zip(panels, (-low, high), ("negative", "positive"), strict=True):

@@ -40,7 +40,12 @@ MAP_COLUMNS = (
 
 
 def write_stl(mesh: Mesh, path: Path) -> None:
-    """Write a mesh as binary STL [m]."""
+    """Write a mesh as binary STL, in single precision, normals by the order of the corners.
+
+    Args:
+        mesh: in the base frame [m].
+        path: of the file, which is replaced.
+    """
     corners = mesh.vertices[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -52,7 +57,12 @@ def write_stl(mesh: Mesh, path: Path) -> None:
 
 
 def write_ply(mesh: Mesh, path: Path) -> None:
-    """Write a mesh as binary little-endian PLY [m], vertices shared between faces."""
+    """Write a mesh as binary little-endian PLY, vertices shared between faces.
+
+    Args:
+        mesh: in the base frame [m].
+        path: of the file, which is replaced.
+    """
     header = (
         "ply\nformat binary_little_endian 1.0\ncomment cabols workspace, metres\n"
         f"element vertex {len(mesh.vertices)}\n"
@@ -68,6 +78,10 @@ def write_map(found: WorkspaceMap, path: Path) -> None:
     """Write every pose of a map as a row of CSV; units in the column names.
 
     Angles are those of a trajectory's file: intrinsic x-y-z, from base to platform axes.
+
+    Args:
+        found: the map; for each position, all of its orientations follow one another.
+        path: of the file, which is replaced; columns are MAP_COLUMNS.
     """
     grid = found.grid
     orientations = grid.angles_deg.shape[0]
@@ -80,7 +94,13 @@ def write_map(found: WorkspaceMap, path: Path) -> None:
 
 
 def write_rows(columns: tuple[str, ...], rows: FloatArray, path: Path) -> None:
-    """Write numbers (k, columns) as CSV."""
+    """Write numbers as CSV, nine digits each.
+
+    Args:
+        columns: their names, which end in their units.
+        rows: (k, len(columns)).
+        path: of the file, which is replaced.
+    """
     np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
 
 
@@ -191,5 +211,10 @@ def _rounded(values: FloatArray) -> list[float]:
 
 
 def write_json(content: dict[str, Any], path: Path) -> None:
-    """Write figures, units in the keys."""
+    """Write figures.
+
+    Args:
+        content: figures by name; the keys end in their units.
+        path: of the file, which is replaced.
+    """
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

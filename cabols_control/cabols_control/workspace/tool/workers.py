@@ -125,7 +125,15 @@ class Workers:
                 running.add(submit(k))
 
     def map(self, function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-        """Apply a function that can be pickled to many items, in order."""
+        """Apply a function to many items, as Python's map does.
+
+        Args:
+            function: of one item; it, the items and the results must allow pickling.
+            items: taken at once, shared out in parts.
+
+        Returns:
+            The results in the order of the items.
+        """
         arguments = list(items)
         if self._client is None:
             return [function(item) for item in arguments]

@@ -36,7 +36,12 @@ class Mover(Protocol):
     """The part of DeviceLink that moves the robot."""
 
     def move(self, index: int, speed_scale: float = 1.0) -> int:
-        """Ask for a motion; return the command's number."""
+        """Ask for a motion to a stored configuration; return the command's number.
+
+        Args:
+            index: of the configuration, from 0.
+            speed_scale: share of the platform's speed limit, above 0, at most 1.
+        """
 
     def lead(self, joints: FloatArray, speed: float) -> int:
         """Ask for a motion to joint angles; return the command's number.
@@ -112,7 +117,16 @@ class RapidProgram:
         return value if isinstance(value, str) else f"{value:g}"
 
     def set(self, name: str, text: str) -> None:
-        """Write a RAPID variable; KeyError if there is none, RapidError for another type."""
+        """Write a RAPID variable.
+
+        Args:
+            name: of the variable.
+            text: as RWS receives it: TRUE or FALSE, a num, or a jointtarget.
+
+        Raises:
+            KeyError: if there is no such variable.
+            RapidError: if the text is of another type.
+        """
         with self._lock:
             if isinstance(self._variables[name], bool):
                 if text.upper() not in ("TRUE", "FALSE"):

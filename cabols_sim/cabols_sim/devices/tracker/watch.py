@@ -100,7 +100,16 @@ class Watch:
             self.news.notify_all()
 
     def wait(self, done: Callable[[], bool], until: float, context: Any) -> bool:
-        """Wait, with `news` held, until done(), a wall time (monotonic) or the caller's end."""
+        """Wait, with `news` held, which is released meanwhile.
+
+        Args:
+            done: what is waited for; asked at each news, at least ten times a second.
+            until: when to give up, as time.monotonic() [s].
+            context: gRPC's, of the call that waits; ends the wait when the caller has gone.
+
+        Returns:
+            Whether it is done; False if time, caller or thread ended first.
+        """
         while not done():
             left = until - time.monotonic()
             if not left > 0.0 or self.stopping.is_set() or not context.is_active():
