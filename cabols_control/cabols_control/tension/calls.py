@@ -1,22 +1,40 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From Python into the compiled code: a call costs a microsecond, most of it the way there.
+"""From Python into the compiled code: the way there would cost more than the solving.
 
-So there are few arguments, and status and iterations come back in one integer.
+So compiled code looks at the caller's objects itself (kernels/array_objects.py), and status and
+iterations come back in one integer. Every entry takes `PATTERN` first, which says what a plain
+array is; what is not plain it answers by a status above INFEASIBLE, and the caller converts its
+arguments or says what is wrong with them.
 """
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numba import types
+from numba.core.errors import NumbaError
 
 from cabols_control.checks import FloatArray
 
 from .arguments import FORCE_WEIGHT, LARGEST_ENTRY, TORQUE_WEIGHT
+from .kernels.array_objects import (
+    ADDRESS,
+    READABLE,
+    WRITABLE,
+    address,
+    float_value,
+    is_array,
+    is_matrix,
+    is_vector,
+    layout_is_known,
+    length,
+    matrix,
+    same_kind,
+    vector,
+)
 from .kernels.dispatch import (
     detect_prepared,
     solve_at_pose,
@@ -46,7 +64,12 @@ STATUS_MASK = (1 << STATUS_BITS) - 1
 """An entry returns the status (_WRONG_SHAPE for arrays that do not fit) in these bits; where it
 also fills a residual, SOFTENED if the work array's LOSS is not 0, and the iterations above them."""
 SOFTENED = 1 << STATUS_BITS
+NOT_PLAIN = STATUS_MASK | SOFTENED
+"""Bits that are 0 (FEASIBLE, nothing given up) in the common case."""
 STEP_BITS = STATUS_BITS + 1
+MOST_CABLES = 16
+"""Of `distribute_entry`, whose work array is `PATTERN`; more go the longer way."""
+PATTERN = np.zeros(work_size(MOST_CABLES))
 
 
 @inlined
@@ -56,7 +79,7 @@ def _code(work: FloatArray, status: int) -> int:
     return status + softened + (int(work[ITERATIONS]) << STEP_BITS)
 
 
-@compiled
+@inlined
 def _solve_call(
     work: FloatArray, wrench: FloatArray, tension: FloatArray, residual: FloatArray
 ) -> int:
@@ -67,7 +90,7 @@ def _solve_call(
     return _code(work, status)
 
 
-@compiled
+@inlined
 def _solve_into_call(work: FloatArray, wrench: FloatArray, tension: FloatArray) -> int:
     """`_solve_call` for whom tensions and status are enough: an argument less on the way."""
     if wrench.shape[0] != 6 or tension.shape[0] != int(work[CABLES]):
@@ -75,13 +98,13 @@ def _solve_into_call(work: FloatArray, wrench: FloatArray, tension: FloatArray) 
     return solve_prepared(work, wrench, tension, spare_residual(work))
 
 
-@compiled
+@inlined
 def _detect_call(work: FloatArray, wrench: FloatArray) -> int:
     """`detect_prepared` with a shape check."""
     return detect_prepared(work, wrench) if wrench.shape[0] == 6 else _WRONG_SHAPE
 
 
-@compiled
+@inlined
 def _solve_at_call(
     work: FloatArray,
     position: FloatArray,
@@ -99,7 +122,7 @@ def _solve_at_call(
     return _code(work, status)
 
 
-@compiled
+@inlined
 def _solve_at_into_call(
     work: FloatArray,
     position: FloatArray,
@@ -113,6 +136,87 @@ def _solve_at_into_call(
     if tension.shape[0] != int(work[CABLES]):
         return _WRONG_SHAPE
     return solve_at_pose(work, position, rotation, wrench, tension, spare_residual(work))
+
+
+@compiled
+def _solve_objects(pattern: Any, work: Any, wrench: Any, tension: Any, residual: Any) -> int:
+    """`_solve_call` for objects; tension and residual are the caller's own."""
+    p, w, f = address(pattern), address(work), address(wrench)
+    if not (is_array(p, w, 1, WRITABLE) and is_array(p, f, 1, READABLE)):
+        return _WRONG_SHAPE
+    out, rest = address(tension), address(residual)
+    return _solve_call(vector(w), vector(f), vector(out), vector(rest))
+
+
+@compiled
+def _solve_into_objects(pattern: Any, work: Any, wrench: Any, tension: Any) -> int:
+    """`_solve_into_call` for objects."""
+    p, w, f, out = address(pattern), address(work), address(wrench), address(tension)
+    if not (is_array(p, w, 1, WRITABLE) and is_array(p, f, 1, READABLE)):
+        return _WRONG_SHAPE
+    if not is_array(p, out, 1, WRITABLE):
+        return _WRONG_SHAPE
+    return _solve_into_call(vector(w), vector(f), vector(out))
+
+
+@compiled
+def _detect_objects(pattern: Any, work: Any, wrench: Any) -> int:
+    """`_detect_call` for objects."""
+    p, w, f = address(pattern), address(work), address(wrench)
+    if not (is_array(p, w, 1, WRITABLE) and is_array(p, f, 1, READABLE)):
+        return _WRONG_SHAPE
+    return _detect_call(vector(w), vector(f))
+
+
+@inlined
+def _is_pose(p: int, position: int, rotation: int, wrench: int) -> bool:
+    """Whether these are the arrays of a pose and a wrench."""
+    place = is_vector(p, position, 3, READABLE) and is_matrix(p, rotation, 3, 3)
+    return place and is_vector(p, wrench, 6, READABLE)
+
+
+@compiled
+def _solve_at_objects(
+    pattern: Any,
+    work: Any,
+    position: Any,
+    rotation: Any,
+    wrench: Any,
+    tension: Any,
+    residual: Any,
+) -> int:
+    """`_solve_at_call` for objects; tension and residual are the caller's own."""
+    p, w, at, turn, f = (
+        address(pattern),
+        address(work),
+        address(position),
+        address(rotation),
+        address(wrench),
+    )
+    if not (is_array(p, w, 1, WRITABLE) and _is_pose(p, at, turn, f)):
+        return _WRONG_SHAPE
+    out, rest = vector(address(tension)), vector(address(residual))
+    return _solve_at_call(vector(w), vector(at), matrix(turn), vector(f), out, rest)
+
+
+@compiled
+def _solve_at_into_objects(
+    pattern: Any, work: Any, position: Any, rotation: Any, wrench: Any, tension: Any
+) -> int:
+    """`_solve_at_into_call` for objects."""
+    p, w, at, turn, f, out = (
+        address(pattern),
+        address(work),
+        address(position),
+        address(rotation),
+        address(wrench),
+        address(tension),
+    )
+    if not (is_array(p, w, 1, WRITABLE) and _is_pose(p, at, turn, f)):
+        return _WRONG_SHAPE
+    if not is_array(p, out, 1, WRITABLE):
+        return _WRONG_SHAPE
+    return _solve_at_into_call(vector(w), vector(at), matrix(turn), vector(f), vector(out))
 
 
 @compiled
@@ -149,103 +253,139 @@ def _one_call(
 
 
 @inlined
-def _misfit(A: FloatArray, wrench: FloatArray, tension: FloatArray) -> bool:
-    """Whether the arrays of one call do not belong together; one more tension is for the loss."""
-    n = A.shape[1]
-    spare = tension.shape[0] - n
-    return A.shape[0] != 6 or n < 6 or wrench.shape[0] != 6 or not 0 <= spare <= 1
+def _fill_limit(pattern: int, limit: int, n: int, number: int, work: FloatArray, at: int) -> bool:
+    """Write a limit, a float or a plain (n,) array, to n places from `at`; False: it is neither."""
+    if same_kind(number, limit):
+        for i in range(n):
+            work[at + i] = float_value(limit)
+        return True
+    if not is_vector(pattern, limit, n, READABLE):
+        return False
+    each = vector(limit)
+    for i in range(n):
+        work[at + i] = each[i]
+    return True
 
 
 @compiled
-def _distribute_call(
-    A: FloatArray,
-    wrench: FloatArray,
-    low: float,
-    high: float,
+def _distribute_objects(
+    pattern: Any,
+    number: Any,
+    A: Any,
+    wrench: Any,
+    low: Any,
+    high: Any,
     exact: bool,
-    tension: FloatArray,
-    residual: FloatArray,
+    tension: Any,
+    residual: Any,
 ) -> int:
-    """`distribute` by minimum norm, the same limits for all cables; allocates its work array."""
-    if _misfit(A, wrench, tension):
+    """`distribute` by minimum norm; `pattern` is its work array, `number` any float.
+
+    Tension and residual are the caller's own; one more tension is for the loss. The work array
+    serves all threads, as none gets the interpreter's lock meanwhile.
+    """
+    p, m, f = address(pattern), address(A), address(wrench)
+    if not (is_array(p, m, 2, READABLE) and is_vector(p, f, 6, READABLE)):
         return _WRONG_SHAPE
-    n = A.shape[1]
-    work = np.empty(work_size(n))
-    limits = at_limits(n)
-    for i in range(n):
-        work[limits + i], work[limits + n + i] = low, high
-    return _one_call(work, A, wrench, exact, tension, residual)
-
-
-@compiled
-def _distribute_each_call(
-    A: FloatArray,
-    wrench: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    exact: bool,
-    tension: FloatArray,
-    residual: FloatArray,
-) -> int:
-    """`_distribute_call` with limits for each cable."""
-    n = A.shape[1]
-    if _misfit(A, wrench, tension) or low.shape[0] != n or high.shape[0] != n:
+    n = length(m, 1)
+    if length(m, 0) != 6 or not 6 <= n <= MOST_CABLES:
         return _WRONG_SHAPE
-    work = np.empty(work_size(n))
-    limits = at_limits(n)
-    for i in range(n):
-        work[limits + i], work[limits + n + i] = low[i], high[i]
-    return _one_call(work, A, wrench, exact, tension, residual)
+    work, limits = vector(p), at_limits(n)
+    if not _fill_limit(p, address(low), n, address(number), work, limits):
+        return _WRONG_SHAPE
+    if not _fill_limit(p, address(high), n, address(number), work, limits + n):
+        return _WRONG_SHAPE
+    out, rest = vector(address(tension)), vector(address(residual))
+    return _one_call(work, matrix(m), vector(f), exact, out, rest)
 
 
-_BOOLEAN = -1
 _TYPES = {
-    _BOOLEAN: types.boolean,
-    0: types.float64,
     1: types.Array(types.float64, 1, "C"),
     2: types.Array(types.float64, 2, "C"),
 }
+_Ways = tuple[Any, int, Any, tuple[int, ...]]
 
 
-def _entry(function: Any, *ranks: int) -> Entry:
-    """Compile for C-contiguous float64 arrays of these ranks (0: numbers) and for nothing else.
-
-    Other arguments then raise TypeError instead of starting the compiler inside a loop.
-    """
-    function.compile(tuple(_TYPES[rank] for rank in ranks))
+def _compile(function: Any, kinds: tuple[Any, ...]) -> Entry:
+    """Compile for these types and for nothing else; the builtin function that takes objects."""
+    entry: Entry = function.compile(kinds)
     function.disable_compile()
-    entry: Entry = function
     return entry
 
 
-_ENTRIES: dict[str, tuple[Any, tuple[int, ...]]] = {
-    "solve_entry": (_solve_call, (1, 1, 1, 1)),
-    "detect_entry": (_detect_call, (1, 1)),
-    "solve_at_entry": (_solve_at_call, (1, 1, 2, 1, 1, 1)),
-    "solve_into_entry": (_solve_into_call, (1, 1, 1)),
-    "solve_at_into_entry": (_solve_at_into_call, (1, 1, 2, 1, 1)),
-    "distribute_entry": (_distribute_call, (2, 1, 0, 0, _BOOLEAN, 1, 1)),
-    "distribute_each_entry": (_distribute_each_call, (2, 1, 1, 1, _BOOLEAN, 1, 1)),
+def _by_numba(function: Any, ranks: tuple[int, ...]) -> Entry:
+    """An entry that numba's own look at its arguments leads to, for other builds of Python."""
+    _compile(function, tuple(_TYPES[rank] for rank in ranks))
+
+    def entry(_pattern: FloatArray, *arguments: Any) -> int:
+        # Numba takes a byte-swapped array for a native one, a masked one for a plain one.
+        plain = all(type(a) is np.ndarray and a.dtype == np.float64 for a in arguments)
+        native = plain and all(a.dtype.isnative for a in arguments)
+        try:
+            return int(function(*arguments)) if native else _WRONG_SHAPE
+        except (TypeError, NumbaError):
+            return _WRONG_SHAPE
+
+    return entry
+
+
+def _refuse_all(*_arguments: Any) -> int:
+    """In the place of `distribute_entry` where objects are not known: the longer way is right."""
+    return _WRONG_SHAPE
+
+
+_ENTRIES: dict[str, _Ways] = {
+    "solve_entry": (_solve_objects, 5, _solve_call, (1, 1, 1, 1)),
+    "detect_entry": (_detect_objects, 3, _detect_call, (1, 1)),
+    "solve_at_entry": (_solve_at_objects, 7, _solve_at_call, (1, 1, 2, 1, 1, 1)),
+    "solve_into_entry": (_solve_into_objects, 4, _solve_into_call, (1, 1, 1)),
+    "solve_at_into_entry": (_solve_at_into_objects, 6, _solve_at_into_call, (1, 1, 2, 1, 1)),
+    "distribute_entry": (_distribute_objects, 9, None, ()),
 }
+"""Function that takes objects and how many, function that numba leads to and its arrays' ranks."""
+_EXACT_PLACE = 6  # of distribute_entry, a truth value
 _loading = threading.Lock()
 
 
-def __getattr__(name: str) -> Entry:
-    """An entry, compiled or loaded when it is first asked for.
+def _load(name: str) -> Entry:
+    """Compile or load an entry."""
+    objects, count, typed, ranks = _ENTRIES[name]
+    if layout_is_known():
+        kinds: list[Any] = [ADDRESS] * count
+        if typed is None:
+            kinds[_EXACT_PLACE] = types.boolean
+        return _compile(objects, tuple(kinds))
+    return _refuse_all if typed is None else _by_numba(typed, ranks)
 
-    Each takes 60 ms to load, and most processes of a rig need none.
+
+def _lazy(name: str) -> Entry:
+    """Stand in an entry's place until it is first called: each takes 60 ms to load.
+
+    No `__getattr__` of the module: with one, every look at the module costs 40 ns.
     """
-    if name not in _ENTRIES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    with _loading:
-        if name not in globals():
-            function, ranks = _ENTRIES[name]
-            globals()[name] = _entry(function, *ranks)
-    entry: Entry = globals()[name]
+
+    def entry(*arguments: Any) -> int:
+        module = globals()
+        with _loading:
+            if module[name] is entry:
+                module[name] = _load(name)
+        loaded: Entry = module[name]
+        return loaded(*arguments)
+
     return entry
+
+
+solve_entry = _lazy("solve_entry")
+detect_entry = _lazy("detect_entry")
+solve_at_entry = _lazy("solve_at_entry")
+solve_into_entry = _lazy("solve_into_entry")
+solve_at_into_entry = _lazy("solve_at_into_entry")
+distribute_entry = _lazy("distribute_entry")
 
 
 def load_all() -> None:
     """Compile or load every entry."""
-    for name in _ENTRIES:
-        getattr(sys.modules[__name__], name)
+    module = globals()
+    with _loading:
+        for name in _ENTRIES:
+            module[name] = _load(name)

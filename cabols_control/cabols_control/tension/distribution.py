@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numba.core.errors import NumbaError
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray
@@ -14,7 +13,7 @@ from cabols_control.errors import CabolsError, ShapeError
 
 from . import calls
 from .arguments import check_limits, check_matrix, check_weights, check_wrench
-from .calls import SOFTENED, STATUS_MASK, STEP_BITS
+from .calls import NOT_PLAIN, PATTERN, SOFTENED, STATUS_MASK, STEP_BITS
 from .kernels.basis import prepare_pose
 from .kernels.work_array import EXACT, FEASIBLE, INFEASIBLE, INVALID, ITERATIONS, LOSS, work_size
 from .many_cables import choose_in_polytope
@@ -35,12 +34,9 @@ Exact = Callable[[FloatArray, FloatArray, FloatArray, FloatArray], tuple[FloatAr
 _EXACT: dict[str, Exact] = {"kkt_enumeration": enumerate_active_sets, "daqp": solve_daqp}
 METHODS = (*CHOICES, *_EXACT)
 _PLAIN = "min_norm"
-_NATIVE = np.dtype(np.float64)
-_ARRAY = np.ndarray
+_NUMBER = 1.0
 _empty = np.empty
 _new = tuple.__new__
-_NOT_PLAIN = STATUS_MASK | SOFTENED
-"""Bits of an entry's answer that are 0 (FEASIBLE, nothing given up) in the common case."""
 
 
 def distribute(
@@ -106,32 +102,25 @@ def distribute(
         # Arrays as the compiled code takes them, with its checks; all else is converted, or refused
         # with a reason, below. Few names and branches: they are a fifth of the call.
         try:
-            # A subclass may be a masked array, which numba takes for a plain one.
-            if not (type(A) is type(wrench) is _ARRAY and A.dtype is wrench.dtype is _NATIVE):
-                raise TypeError
-            tension, residual = _empty(A.shape[1]), _empty(6)
-            if type(tension_min) is type(tension_max) is float:
-                entry = calls.distribute_entry
-            elif type(tension_min) is type(tension_max) is _ARRAY:
-                if not tension_min.dtype is tension_max.dtype is _NATIVE:
-                    raise TypeError
-                entry = calls.distribute_each_entry
-            else:
-                raise TypeError
-            code = entry(A, wrench, tension_min, tension_max, exact, tension, residual)
+            tension, residual = _empty(A.shape[1]), _empty(6)  # type: ignore[union-attr]
+        except (TypeError, ValueError, AttributeError, IndexError):
+            pass
+        else:
+            entry = calls.distribute_entry
+            code = entry(
+                PATTERN, _NUMBER, A, wrench, tension_min, tension_max, exact, tension, residual
+            )
             steps = code >> STEP_BITS
-            if not code & _NOT_PLAIN:
+            if not code & NOT_PLAIN:
                 return _new(TensionSolution, (tension, True, residual, _PLAIN, steps, 0.0))
             status, loss = code & STATUS_MASK, 0.0
             if code & SOFTENED:  # seldom: once more, with a place for what was given up
                 more = _empty(tension.shape[0] + 1)
-                entry(A, wrench, tension_min, tension_max, exact, more, residual)
+                entry(PATTERN, _NUMBER, A, wrench, tension_min, tension_max, exact, more, residual)
                 loss = more.item(-1)
             if status <= INFEASIBLE:
                 feasible = status == FEASIBLE
                 return _new(TensionSolution, (tension, feasible, residual, _PLAIN, steps, loss))
-        except (TypeError, AttributeError, IndexError, NumbaError):
-            pass
     if method not in METHODS:
         raise CabolsError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     matrix, target = check_matrix(A), check_wrench(wrench)

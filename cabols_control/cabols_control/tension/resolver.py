@@ -6,8 +6,6 @@ Each holds one work array, so an object serves one thread.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -28,7 +26,7 @@ from .arguments import (
     refuse_output,
     refuse_wrench,
 )
-from .calls import SOFTENED, STATUS_MASK, STEP_BITS
+from .calls import NOT_PLAIN, PATTERN, SOFTENED, STATUS_MASK, STEP_BITS
 from .kernels.basis import prepare_pose
 from .kernels.dispatch import solve_batch, solve_pose_batch
 from .kernels.work_array import (
@@ -45,17 +43,8 @@ from .kernels.work_array import (
 from .solution import TensionSolution
 
 _METHOD = "min_norm"
-_NATIVE = np.dtype(np.float64)
-"""numba takes a byte-swapped array for a native one, so the compiled entries get this type alone;
-an equal type that is another object (an unpickled one) takes the longer way, to the same answer."""
 _new = tuple.__new__
 _empty = np.empty
-
-
-def _native(position: Any, rotation: Any, wrench: Any) -> bool:
-    """Whether all three are arrays of native float64."""
-    same = position.dtype is _NATIVE and rotation.dtype is _NATIVE
-    return same and wrench.dtype is _NATIVE
 
 
 class TensionResolver:
@@ -103,15 +92,16 @@ class TensionResolver:
             ShapeError: if the wrench is not (6,) or not finite.
         """
         tension, residual = _empty(self.cables), _empty(6)
-        try:
-            if wrench.dtype is not _NATIVE:  # type: ignore[union-attr]
-                raise TypeError
-            code = calls.solve_entry(self.work, wrench, tension, residual)
-        except (TypeError, AttributeError):  # a list, float32, strided: convert, then the same way
-            code = calls.solve_entry(self.work, check_wrench(wrench), tension, residual)
+        code = calls.solve_entry(PATTERN, self.work, wrench, tension, residual)
+        if not code & NOT_PLAIN:
+            return _new(TensionSolution, (tension, True, residual, _METHOD, code >> STEP_BITS, 0.0))
         status = code & STATUS_MASK
-        if status > INFEASIBLE:
-            refuse_wrench(wrench)
+        if status > INFEASIBLE:  # a list, float32, strided: convert, then the same way
+            other = check_wrench(wrench)
+            code = calls.solve_entry(PATTERN, self.work, other, tension, residual)
+            status = code & STATUS_MASK
+            if status > INFEASIBLE:
+                refuse_wrench(wrench)
         loss = self.work.item(LOSS) if code & SOFTENED else 0.0
         steps = code >> STEP_BITS
         return _new(TensionSolution, (tension, status == 0, residual, _METHOD, steps, loss))
@@ -129,15 +119,12 @@ class TensionResolver:
         Raises:
             ShapeError: if the wrench is not (6,) or not finite, or tension is not (n,).
         """
-        try:
-            if wrench.dtype is not _NATIVE or tension.dtype is not _NATIVE:
-                raise TypeError
-            status = calls.solve_into_entry(self.work, wrench, tension)
-        except (TypeError, AttributeError):  # a list, float32, strided, read-only: convert
-            tension = output_row(tension, self.cables)
-            status = calls.solve_into_entry(self.work, check_wrench(wrench), tension)
-        if status > INFEASIBLE:
-            refuse_output(wrench, tension, self.cables)
+        status = calls.solve_into_entry(PATTERN, self.work, wrench, tension)
+        if status > INFEASIBLE:  # a list, float32, strided: convert, then the same way
+            tension, other = output_row(tension, self.cables), check_wrench(wrench)
+            status = calls.solve_into_entry(PATTERN, self.work, other, tension)
+            if status > INFEASIBLE:
+                refuse_output(wrench, tension, self.cables)
         return status == FEASIBLE
 
     def feasible(self, wrench: ArrayLike) -> bool:
@@ -146,14 +133,11 @@ class TensionResolver:
         Raises:
             ShapeError: if the wrench is not (6,) or not finite.
         """
-        try:
-            if wrench.dtype is not _NATIVE:  # type: ignore[union-attr]
-                raise TypeError
-            status = calls.detect_entry(self.work, wrench)
-        except (TypeError, AttributeError):
-            status = calls.detect_entry(self.work, check_wrench(wrench))
+        status = calls.detect_entry(PATTERN, self.work, wrench)
         if status > INFEASIBLE:
-            refuse_wrench(wrench)
+            status = calls.detect_entry(PATTERN, self.work, check_wrench(wrench))
+            if status > INFEASIBLE:
+                refuse_wrench(wrench)
         return bool(status == FEASIBLE)
 
     def solve_batch(
@@ -245,31 +229,25 @@ class RigTensionResolver:
                 at the pose.
         """
         tension, residual = _empty(self.cables), _empty(6)
-        try:
-            if not _native(position, rotation, wrench):
-                raise TypeError
-            code = calls.solve_at_entry(self.work, position, rotation, wrench, tension, residual)
-        except (TypeError, AttributeError):
-            code = calls.solve_at_entry(
-                self.work,
-                finite_array("position", position, (3,)),
-                finite_array("rotation", rotation, (3, 3)),
-                check_wrench(wrench),
-                tension,
-                residual,
-            )
+        entry = calls.solve_at_entry
+        code = entry(PATTERN, self.work, position, rotation, wrench, tension, residual)
+        if not code & NOT_PLAIN:
+            return _new(TensionSolution, (tension, True, residual, _METHOD, code >> STEP_BITS, 0.0))
         status = code & STATUS_MASK
         if status > INFEASIBLE:
-            self._refuse_pose(position, rotation)
-            refuse_wrench(wrench)
+            place = finite_array("position", position, (3,))
+            turn = finite_array("rotation", rotation, (3, 3))
+            code = entry(PATTERN, self.work, place, turn, check_wrench(wrench), tension, residual)
+            status = code & STATUS_MASK
+            if status > INFEASIBLE:
+                self._refuse_pose(place, turn)
+                refuse_wrench(wrench)
         loss = self.work.item(LOSS) if code & SOFTENED else 0.0
         steps = code >> STEP_BITS
         return _new(TensionSolution, (tension, status == 0, residual, _METHOD, steps, loss))
 
-    def _refuse_pose(self, position: ArrayLike, rotation: ArrayLike) -> None:
+    def _refuse_pose(self, place: FloatArray, turn: FloatArray) -> None:
         """Say what is wrong with a pose that the compiled code refused, if it is the pose."""
-        place = finite_array("position", position, (3,))
-        turn = finite_array("rotation", rotation, (3, 3))
         refuse_short_cable(self.work[work_size(self.cables) :].view(CABLE), place, turn)
 
     def solve_into(
@@ -289,21 +267,16 @@ class RigTensionResolver:
         Raises:
             ShapeError: if an argument has another shape or is not finite.
         """
-        try:
-            if not _native(position, rotation, wrench) or tension.dtype is not _NATIVE:
-                raise TypeError
-            status = calls.solve_at_into_entry(self.work, position, rotation, wrench, tension)
-        except (TypeError, AttributeError):
-            status = calls.solve_at_into_entry(
-                self.work,
-                finite_array("position", position, (3,)),
-                finite_array("rotation", rotation, (3, 3)),
-                check_wrench(wrench),
-                output_row(tension, self.cables),
-            )
+        entry = calls.solve_at_into_entry
+        status = entry(PATTERN, self.work, position, rotation, wrench, tension)
         if status > INFEASIBLE:
-            self._refuse_pose(position, rotation)
-            refuse_output(wrench, tension, self.cables)
+            place = finite_array("position", position, (3,))
+            turn = finite_array("rotation", rotation, (3, 3))
+            other, tension = check_wrench(wrench), output_row(tension, self.cables)
+            status = entry(PATTERN, self.work, place, turn, other, tension)
+            if status > INFEASIBLE:
+                self._refuse_pose(place, turn)
+                refuse_output(wrench, tension, self.cables)
         return status == FEASIBLE
 
     def solve_batch(
