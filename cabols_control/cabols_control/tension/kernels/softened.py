@@ -25,7 +25,7 @@ from cabols_control.checks import FloatArray
 
 from .basis import SLOPE, fill_gram
 from .facet import SIDE, facet_distance, pin
-from .static_size import FIVE, Size, cables, compiled
+from .static_size import FIVE, FOUR, SIX, Size, cables, compiled
 from .work_array import (
     CONFLICT,
     CONFLICT_SIDE,
@@ -55,7 +55,7 @@ LOSS_SETTLED = 1e-9
 """Times the largest limit: how far the nearest wrench's tensions may be beyond a limit."""
 MOST_INVERSE = 1e8
 """Largest inverse pivot of a Gram matrix whose cables are independent."""
-DONE, NO_LOSS, UNSETTLED = 0, 1, 2
+DONE, NO_LOSS, UNSETTLED, _AGAIN = 0, 1, 2, 3
 _FREE, _RHS, _TURN, _STEP, _MISS, _PULL, _LINEAR = 9, 10, 11, 12, 13, 14, 15  # scratch vectors
 
 
@@ -308,24 +308,30 @@ def _loss(work: FloatArray, size: Size, count: Size, tension: FloatArray) -> flo
 
 
 @compiled
-def _facet_is_right(
-    work: FloatArray, size: Size, target: Six, e: float, tension: FloatArray
-) -> bool:
-    """Whether the five free cables are the right ones, and all else that is asked for holds.
+def _attempt(
+    work: FloatArray, size: Size, count: Size, target: Six, e: float, tension: FloatArray
+) -> tuple[int, float]:
+    """Solve for the free cables, and if they are the right ones for all that is asked for.
 
-    If not, one cable may be exchanged already, and the free tensions are of no use.
+    Returns what came of it, and the e to go on with; where it is _AGAIN, one cable may be exchanged
+    and the free tensions are of no use.
     """
     work[ITERATIONS] += 1
-    _solve_free(work, size, FIVE, e, tension)
-    _pull(work, size, target, tension)
+    _solve_free(work, size, count, e, tension)
+    square = _pull(work, size, target, tension)
     if _exchange(work, size, e, tension):
-        return False
-    e = _polish(work, size, FIVE, target, e, tension)
-    if e < 0.0 or _exchange(work, size, e, tension):
-        return False
-    loss = _loss(work, size, FIVE, tension)
+        return _AGAIN, e
+    reached = math.sqrt(square) / (SLOPE * work[SCALE])
+    if not abs(reached - e) <= NEAR * e:
+        return _AGAIN, reached
+    e = _polish(work, size, count, target, e, tension)
+    if e < 0.0:
+        return UNSETTLED, e
+    if _exchange(work, size, e, tension):
+        return _AGAIN, e
+    loss = _loss(work, size, count, tension)
     work[LOSS] = max(loss, 0.0)
-    return loss >= 0.0
+    return (DONE if loss >= 0.0 else NO_LOSS), e
 
 
 @compiled
@@ -343,35 +349,27 @@ def soften_nearest(work: FloatArray, size: Size, target: Six, e: float, tension:
         DONE, NO_LOSS (done, but `LOSS` is not known) or UNSETTLED (`tension` is of no use).
     """
     n = cables(size)
-    scaled, linear, rho = at_scaled(n), at_vector(n, _LINEAR), SLOPE * work[SCALE]
+    scaled, linear = at_scaled(n), at_vector(n, _LINEAR)
     fill_gram(work, size)
     for i in range(n):
         work[linear + i] = 0.0
     for k in range(6):
         for i in range(n):
             work[linear + i] += work[scaled + k * n + i] * target[k]
-    five = _list_free(work, size) == 5 and e > LEAST_SHARE
-    # The common case alone: its loops are of constant length, and nothing else is beside them.
-    if five and _facet_is_right(work, size, target, e, tension):
-        return DONE
+    outcome = _AGAIN
     for _ in range(EXCHANGES):
+        if outcome != _AGAIN:
+            break
         if not LEAST_SHARE < e < 1e6:
             return UNSETTLED
         count = _list_free(work, size)
-        work[ITERATIONS] += 1
-        _solve_free(work, size, count, e, tension)
-        square = _pull(work, size, target, tension)
-        if _exchange(work, size, e, tension):
-            continue
-        used, e = e, math.sqrt(square) / rho
-        if not abs(e - used) <= NEAR * used:
-            continue
-        e = _polish(work, size, count, target, used, tension)
-        if e < 0.0:
-            return UNSETTLED
-        if _exchange(work, size, e, tension):
-            continue
-        loss = _loss(work, size, count, tension)
-        work[LOSS] = max(loss, 0.0)
-        return DONE if loss >= 0.0 else NO_LOSS
-    return UNSETTLED
+        # Loops of constant length for the common cases.
+        if count == len(FIVE):
+            outcome, e = _attempt(work, size, FIVE, target, e, tension)
+        elif count == len(FOUR):
+            outcome, e = _attempt(work, size, FOUR, target, e, tension)
+        elif count == len(SIX):
+            outcome, e = _attempt(work, size, SIX, target, e, tension)
+        else:
+            outcome, e = _attempt(work, size, count, target, e, tension)
+    return UNSETTLED if outcome == _AGAIN else outcome

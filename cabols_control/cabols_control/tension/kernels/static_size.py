@@ -19,7 +19,9 @@ inlined = njit(cache=True, error_model="numpy", boundscheck=False, inline="alway
 Size = int | tuple[int, ...]
 
 EIGHT = (0, 0, 0, 0, 0, 0, 0, 0)
+SIX = (0, 0, 0, 0, 0, 0)
 FIVE = (0, 0, 0, 0, 0)
+FOUR = (0, 0, 0, 0)
 
 
 def cables(size: Size) -> int:
