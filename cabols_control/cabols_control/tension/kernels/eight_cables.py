@@ -18,14 +18,16 @@ from numba import njit
 
 from cabols_control.checks import FloatArray
 
+from .basis import SLOPE
 from .plane import PARALLEL, VIOLATION
-from .smooth import AT_LIMIT, PLAIN_MULTIPLIER
+from .smooth import AT_LIMIT
 from .static_size import compiled
 from .work_array import (
     EXACT,
     ITERATIONS,
     SCALE,
     STEEPEST,
+    Six,
     at_basis,
     at_inverse,
     at_limits,
@@ -50,9 +52,11 @@ _N = 8
 _INVERSE, _STRUCTURE = at_inverse(_N), at_structure(_N)
 _LIMITS, _WEIGHTS = at_limits(_N), at_weights(_N)
 _NULL = at_basis(_N) + 6 * _N
-# Scratch of solve_pose_eight: factor (6, 6), inverse pivots, right-hand side, basis (2, 8).
+# Scratch of solve_pose_eight: factor (6, 6), inverse pivots, basis (2, 8), rows (6, 16).
 _FACTOR = at_scratch(_N)
-_PIVOT, _SIDE, _BASIS = _FACTOR + 36, _FACTOR + 42, _FACTOR + 48
+_PIVOT, _BASIS, _ROWS = _FACTOR + 36, _FACTOR + 42, _FACTOR + 58
+_WIDE = 2 * _N
+"""Length of a row: inv(L) A, then inv(L) (6) and nothing (2)."""
 
 
 @compiled
@@ -163,31 +167,39 @@ def _factor(work: FloatArray) -> bool:
 
 
 @vectorised
-def _project(work: FloatArray, out: FloatArray, start: int) -> None:
-    """Write A^T inv(A A^T) y, y the right-hand side, to eight places of `out` from `start`."""
-    for i in range(1, 6):
-        value = work[_SIDE + i]
-        for k in range(i):
-            value -= work[_FACTOR + 6 * i + k] * work[_SIDE + k]
-        work[_SIDE + i] = value
+def _fill_rows(work: FloatArray) -> float:
+    """Rows of inv(L) (A, 1): the former are orthogonal; Frobenius norm of pinv(diag(weights) A)."""
     for i in range(6):
-        work[_SIDE + i] *= work[_PIVOT + i]
-    for i in range(4, -1, -1):
-        value = work[_SIDE + i]
-        for k in range(i + 1, 6):
-            value -= work[_FACTOR + 6 * k + i] * work[_SIDE + k]
-        work[_SIDE + i] = value
-    y0, y1, y2 = work[_SIDE], work[_SIDE + 1], work[_SIDE + 2]
-    y3, y4, y5 = work[_SIDE + 3], work[_SIDE + 4], work[_SIDE + 5]
+        row = _ROWS + _WIDE * i
+        for c in range(_N):
+            work[row + c] = work[_STRUCTURE + 8 * i + c]
+            work[row + _N + c] = 1.0 if c == i else 0.0
+        for j in range(i):
+            part = work[_FACTOR + 6 * i + j]
+            for c in range(_WIDE):
+                work[row + c] -= part * work[_ROWS + _WIDE * j + c]
+    total = 0.0
+    for k in range(6):
+        square = 0.0
+        for i in range(6):
+            entry = work[_ROWS + _WIDE * i + _N + k]
+            square += entry * entry * work[_PIVOT + i]
+        total += square / (work[_WEIGHTS + k] * work[_WEIGHTS + k])
+    return math.sqrt(total)
+
+
+@vectorised
+def _combine_rows(work: FloatArray, parts: Six, out: FloatArray, start: int) -> None:
+    """Write A^T inv(L)^T inv(D) x, x the parts, to eight places of `out` from `start`."""
+    x0, x1, x2 = parts[0] * work[_PIVOT], parts[1] * work[_PIVOT + 1], parts[2] * work[_PIVOT + 2]
+    x3, x4 = parts[3] * work[_PIVOT + 3], parts[4] * work[_PIVOT + 4]
+    x5 = parts[5] * work[_PIVOT + 5]
     for c in range(_N):
-        k = _STRUCTURE + c
+        k = _ROWS + c
         out[start + c] = (
-            work[k] * y0
-            + work[k + 8] * y1
-            + work[k + 16] * y2
-            + work[k + 24] * y3
-            + work[k + 32] * y4
-            + work[k + 40] * y5
+            (work[k] * x0 + work[k + _WIDE] * x1)
+            + (work[k + 2 * _WIDE] * x2 + work[k + 3 * _WIDE] * x3)
+            + (work[k + 4 * _WIDE] * x4 + work[k + 5 * _WIDE] * x5)
         )
 
 
@@ -196,11 +208,16 @@ def _null_rows(work: FloatArray) -> bool:
     """Orthonormal rows (2, 8) of the null space, from the last two unit vectors."""
     x, y = _BASIS, _BASIS + _N
     for r in range(2):
-        for i in range(6):
-            work[_SIDE + i] = work[_STRUCTURE + 8 * i + 6 + r]
-        _project(work, work, _BASIS + _N * r)
-        for c in range(_N):
-            work[_BASIS + _N * r + c] *= -1.0
+        k = _ROWS + 6 + r
+        column = (
+            -work[k],
+            -work[k + _WIDE],
+            -work[k + 2 * _WIDE],
+            -work[k + 3 * _WIDE],
+            -work[k + 4 * _WIDE],
+            -work[k + 5 * _WIDE],
+        )
+        _combine_rows(work, column, work, _BASIS + _N * r)
         work[_BASIS + _N * r + 6 + r] += 1.0
     xx, xy, yy = 0.0, 0.0, 0.0
     for c in range(_N):
@@ -221,6 +238,26 @@ def _null_rows(work: FloatArray) -> bool:
     return PLAIN
 
 
+@vectorised
+def _eliminated(work: FloatArray, wrench: FloatArray) -> Six:
+    """inv(L) w."""
+    w0, w1, w2 = wrench[0], wrench[1], wrench[2]
+    w3, w4, w5 = wrench[3], wrench[4], wrench[5]
+    k = _ROWS + _N
+    a, b = k + _WIDE, k + 2 * _WIDE
+    c, d, e = k + 3 * _WIDE, k + 4 * _WIDE, k + 5 * _WIDE
+    return (
+        w0,
+        work[a] * w0 + w1,
+        work[b] * w0 + work[b + 1] * w1 + w2,
+        work[c] * w0 + work[c + 1] * w1 + work[c + 2] * w2 + w3,
+        (work[d] * w0 + work[d + 1] * w1) + (work[d + 2] * w2 + work[d + 3] * w3) + w4,
+        (work[e] * w0 + work[e + 1] * w1)
+        + (work[e + 2] * w2 + work[e + 3] * w3)
+        + (work[e + 4] * w4 + w5),
+    )
+
+
 @compiled
 def solve_pose_eight(
     work: FloatArray,
@@ -236,6 +273,7 @@ def solve_pose_eight(
     """
     if not _factor(work):
         return NOT_PLAIN
+    inverse = _fill_rows(work)
     if not _null_rows(work):
         return NOT_PLAIN
     largest = 0.0
@@ -245,10 +283,11 @@ def solve_pose_eight(
     work[SCALE] = largest
     total = 0.0
     for i in range(6):
-        work[_SIDE + i] = wrench[i]
         total += abs(wrench[i])
     if not (np.isfinite(total) and np.isfinite(largest)):
         return NOT_PLAIN
-    _project(work, tension, 0)
-    steepest = math.inf if work[EXACT] == 1.0 else PLAIN_MULTIPLIER * largest
+    _combine_rows(work, _eliminated(work, wrench), tension, 0)
+    # As prepare_pose has it.
+    steep = (SLOPE / inverse - math.sqrt(float(_N))) * largest
+    steepest = math.inf if work[EXACT] == 1.0 else steep
     return bool(_plane_eight(work, _BASIS, steepest, tension))

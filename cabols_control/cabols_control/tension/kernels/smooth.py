@@ -46,8 +46,6 @@ from .work_array import (
     at_vector,
 )
 
-PLAIN_MULTIPLIER = 20.0
-"""Times the largest limit: multipliers of limits up to this are not steep where |pinv(B)| < 4.3."""
 JOINT_STEPS = 12
 OUTER_STEPS, INNER_STEPS, MOST_STEPS = 25, 60, 360
 """Of the slower method; no further outer step begins after MOST_STEPS inner ones in all."""
