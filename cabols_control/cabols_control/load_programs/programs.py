@@ -157,7 +157,9 @@ def read_csv(path: str | Path) -> LoadProgram:
     try:
         # Spreadsheets begin their UTF-8 by a byte order mark.
         text = source.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{source}: expected UTF-8; save it as CSV UTF-8 ({error})") from error
+    except OSError as error:
         raise ConfigError(f"{source}: cannot be read ({error})") from error
     return parse_csv(text, source.stem, str(source))
 
@@ -179,12 +181,14 @@ def parse_csv(text: str, name: str, source: str) -> LoadProgram:
         ended = [line + "\n" for line in text.replace("\r\n", "\n").split("\n")]
         rows = list(csv.reader(ended))
     except csv.Error as error:
-        raise ConfigError(f"{source}: cannot be read ({error})") from error
+        raise ConfigError(
+            f"{source}: cannot be read ({error}); save it as plain CSV with a line for each time"
+        ) from error
     header = tuple(cell.strip() for cell in rows[0]) if rows else ()
     if header != CSV_HEADER:
         raise ConfigError(
             f"{source}: expected the header {','.join(CSV_HEADER)}, got {str(header)[:200]}; times "
-            "in s, forces in N, torques in N m, commas between them"
+            "in s, forces in N, torques in N m, decimal points, commas between columns"
         )
     values, lines = [], []
     for number, row in enumerate(rows[1:], start=2):
