@@ -148,13 +148,14 @@ class Recording:
             topic.close()
 
     def summary(self) -> str:
-        """Return the bag's content topic by topic, as text."""
+        """Return the bag's content as text, topic by topic; silent topics are left out."""
         total = sum(topic.count for topic in self._topics)
         lost = sum(topic.missing.lost for topic in self._topics)
         lines = [f"{self.folder}: {total} messages, {lost} lost"]
         lines += [
             f"  {topic.count:9d}  {topic.name}  (lost {topic.missing.lost})"
             for topic in self._topics
+            if topic.count or topic.missing.lost
         ]
         return "\n".join(lines)
 
