@@ -53,6 +53,7 @@ def node(name: str, module: str) -> Callable[[], int]:
     def entry() -> int:
         if missing := without_ros():
             return fail(missing, USAGE)
+        open_standard_files()
         # Python may be restarted for rclpy (ROS_FIRST): they wait until that is over. Then they end
         # the process at once, as nothing is open yet, until the node takes them over.
         end_signals.hold()
@@ -80,6 +81,17 @@ def tool(module: str, parser: Callable[[], CommandParser]) -> Callable[[], int]:
         return int(importlib.import_module(module).main())
 
     return entry
+
+
+def open_standard_files() -> None:
+    """Open what is closed of standard input, output and error, as who starts daemons may leave it.
+
+    Their numbers would go to the next files and sockets, and log lines into these.
+    """
+    # A new file gets the lowest number that is free.
+    while (number := os.open(os.devnull, os.O_RDWR)) < 3:
+        pass
+    os.close(number)
 
 
 def without_ros() -> str:

@@ -377,15 +377,17 @@ def test_the_bag_has_what_the_running_nodes_answered(node, record, tmp_path, kil
 
 def is_written(bag, words):
     """Whether a message with some words is in a bag that is being recorded."""
-    with suppress(BagError):
-        for path in bag.glob("*.mcap"):
-            return any(words in item.data for item in Salvage(path, strict=False).messages())
+    for path in bag.glob("*.mcap"):
+        with suppress(BagError):
+            if any(words in item.data for item in Salvage(path, strict=False).messages()):
+                return True
     return False
 
 
 def test_topics_of_ros_and_of_the_site_are_recorded_at_choice(node, record, tmp_path):
     site = "/site/room:std_msgs/msg/String"
-    process = record(record_also=f"/rosout,/diagnostics,{site}", flush_period=0.1)
+    also = f"/rosout,/diagnostics,{site}"
+    process = record(record_also=also, flush_period=0.1, split_duration=0.2)
     room = node.create_publisher(String, "/site/room", 10)
     wait_for(room.get_subscription_count, process)
     for number in range(20):
@@ -410,6 +412,7 @@ def test_topics_of_ros_and_of_the_site_are_recorded_at_choice(node, record, tmp_
             found.setdefault(connection.topic, []).append(
                 reader.deserialize(raw, connection.msgtype)
             )
+    assert len([*(tmp_path / "bag").glob("*.mcap")]) > 1
     assert found["/site/room"][-1].data == "19 degrees"
     assert "the door is open" in [message.msg for message in found["/rosout"]]
     assert found["/diagnostics"]
