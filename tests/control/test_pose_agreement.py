@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.pose_agreement import AgreementMonitor, Fault, Suspect
+from cabols_control.pose_agreement.hypotheses import tool_residual
 
 RATE, STIFFNESS = 50.0, 2200.0
 RIG = load_geometry()
@@ -185,3 +186,19 @@ def test_samples_that_are_not_finite_or_before_the_zeros_say_nothing():
     monitor.zero(*pose, np.zeros(8))
     assert monitor.cables(*pose, np.full(8, np.nan), np.zeros(8), np.zeros(6)) is None
     assert monitor.cables(*pose, np.zeros(8), np.zeros(8), np.zeros(6)).agree
+
+
+def test_a_turn_about_a_wrong_tools_own_offset_hardly_shows():
+    """Both poses then differ by what they did at the zeros: only the cables' curvature is left."""
+    start, turned = RIG.reference_position, RIG.reference_rotation
+    offset = 0.02 * np.array([2.0, -1.0, 2.0]) / 3.0
+    shown = []
+    for axis in (offset, np.cross(offset, [1.0, 0.0, 0.0])):
+        monitor = AgreementMonitor(RIG, np.full(8, STIFFNESS))
+        monitor.zero(start, turned, np.zeros(8))
+        turn = Rotation.from_rotvec(np.deg2rad(15.0) * axis / np.linalg.norm(axis)).as_matrix()
+        monitor.cables(start, turned @ turn, np.zeros(8), np.full(8, 30.0), np.zeros(6))
+        tool = np.r_[offset, np.zeros(3)]
+        given = (monitor._zero, monitor.stiffness, monitor._cables, tool)
+        shown.append(np.linalg.norm(tool_residual([monitor._newest], *given)[:3]))
+    assert shown[0] < 0.1 * shown[1]
