@@ -244,7 +244,10 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
             f"cable, got {len(radius)}"
         )
     if axes is not None and not np.any(content.pulley_radius):
-        raise ConfigError(f"{source}: pulley_axes: expected pulley_radius beside it, got none")
+        raise ConfigError(
+            f"{source}: pulley_axes: expected a pulley_radius above 0 beside it, got none; leave "
+            "pulley_axes out where all cables leave points"
+        )
     try:
         base = _rows("base_points", content.base_points)
         platform = _rows("platform_points", content.platform_points)

@@ -106,6 +106,13 @@ def test_mistakes_in_a_model_are_named(tmp_path, spoil, named):
         read_caspr(*files)
 
 
+@pytest.mark.parametrize("reference", ["COM", "centre", "end", ""])
+def test_points_about_something_unknown_are_refused(tmp_path, reference):
+    """They were taken from the joint."""
+    with pytest.raises(DataFileError, match="cable 1: attachment_reference: expected joint or com"):
+        read_caspr(*caspr_files(tmp_path, reference=reference))
+
+
 @pytest.mark.filterwarnings("ignore::cabols_control.rig_folder.RigWarning")
 @pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
 def test_round_trips(tmp_path, path):
@@ -136,6 +143,34 @@ def test_through_the_command(tmp_path, capsys, form):
     np.testing.assert_allclose(new.tension_max, old.tension_max)
     if form == "caspr":
         np.testing.assert_allclose(new.tension_min, old.tension_min)
+
+
+@pytest.mark.parametrize(("form", "keeps"), [("caspr", True), ("cdpyr", False), ("wirex", False)])
+def test_an_export_says_which_pulleys_the_format_turns_round(tmp_path, capsys, form, keeps):
+    """An axis towards the platform came back turned: lengths were off by 37 mm, without a word."""
+    corners = [[x, y, z] for z in (0.0, 2.0) for y in (-1.5, 1.5) for x in (-2.0, 2.0)]
+    content = {
+        "reference_pose": {"position": [0.0, 0.0, 1.0], "rotation_xyz_deg": [0.0, 0.0, 0.0]},
+        "base_points": corners,
+        "platform_points": [[0.1 * x, y / 7.5, 0.1 - 0.1 * z] for x, y, z in corners],
+        "pulley_radius": [0.0, 0.04] * 4,
+        "pulley_axes": [[0.0, 0.0, 1.0]] * 8,
+        "tension_min": 5.0,
+        "tension_max": 500.0,
+    }
+    path = tmp_path / "given.yaml"
+
+    def exported():
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        words = ["--geometry", str(path), "--format", form, "--output", str(tmp_path / "out")]
+        assert workspace(["export", *words]) == 0
+        return capsys.readouterr().out
+
+    # Of the lower cables 1 to 4 two have wheels; away from the platform is down.
+    told = "cables 2 and 4 would have other lengths" in exported()
+    assert told is not keeps
+    content["pulley_axes"] = [[0.0, 0.0, -1.0]] * 4 + [[0.0, 0.0, 1.0]] * 4
+    assert "warning" not in exported()
 
 
 def cdpyr_content():

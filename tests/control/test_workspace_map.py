@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -165,6 +166,19 @@ def test_command_maps_and_leaves_its_files(tmp_path, capsys):
         assert trimesh.load(tmp_path / name).is_watertight
     for name in ("workspace.png", "slices.png", "turns.png"):
         assert (tmp_path / name).stat().st_size > 10_000
+
+
+@pytest.mark.filterwarnings("ignore::cabols_control.rig_folder.RigWarning")
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("name", ["planar", "ipanema"])
+def test_maps_without_a_required_wrench_are_drawn(tmp_path, name):
+    """What nothing is required of has infinite factors: the scale's end was no number."""
+    robot = Path(__file__).parents[2] / "examples" / "robots" / f"{name}.yaml"
+    words = ["--geometry", str(robot), "--no-bodies", "--box", *"000000", "--tilt", "0"]
+    small = ["--counts", "3", "3", "3", "--scheduler", "inline", "--output", str(tmp_path)]
+    assert main(["map", *words, *small]) == 0
+    table = np.genfromtxt(tmp_path / "workspace.csv", delimiter=",", names=True)
+    assert np.isinf(table["factor"]).any()
 
 
 def test_command_follows_a_trajectory(tmp_path, capsys, rig):

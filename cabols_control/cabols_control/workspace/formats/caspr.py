@@ -139,7 +139,12 @@ def _read_cables(robot: ExchangedRobot, path: Path, wanted: str) -> None:
             raise DataFileError(
                 f"{where}: expected a cable with a motor, got {cable.tag}, which pulls by itself"
             )
-        from_centre = cable.get("attachment_reference", "joint") == "com"
+        reference = cable.get("attachment_reference", "joint")
+        if reference not in ("joint", "com"):
+            raise DataFileError(
+                f"{where}: attachment_reference: expected joint or com, got {reference!r}"
+            )
+        from_centre = reference == "com"
         ends: dict[int, FloatArray] = {}
         attachments = list(cable.find("attachments") or ())
         for attachment in attachments:

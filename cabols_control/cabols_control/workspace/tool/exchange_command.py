@@ -10,11 +10,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cabols_control.cable_kernels import MIN_CABLE_LENGTH_M
+from cabols_control.cable_kernels import (
+    MIN_CABLE_LENGTH_M,
+    cable_lengths_unchecked,
+    cable_records,
+)
 from cabols_control.errors import CabolsError
 from cabols_control.files.output_folder import output_folder
 from cabols_control.geometry import RigGeometry
 from cabols_control.motion import Motion, motion_of
+from cabols_control.naming import cable_names
 from cabols_control.workspace.formats.caspr import read_caspr, write_caspr
 from cabols_control.workspace.formats.cdpyr import read_cdpyr, write_cdpyr
 from cabols_control.workspace.formats.exchanged import ExchangedRobot, numbers, xml_tree
@@ -23,6 +28,8 @@ from cabols_control.workspace.robot import GRAVITY_M_S2, Robot, load_robot
 
 from . import files
 
+SAME_LENGTH_M = 1e-9
+"""Difference of lengths that writing and reading may leave."""
 WRITERS = {"caspr": write_caspr, "cdpyr": write_cdpyr, "wirex": write_wirex}
 
 
@@ -134,7 +141,30 @@ def run_export(options: argparse.Namespace, robot: Robot) -> None:
         written = WRITERS[options.format](found, options.output, options.name)
         folder.finish()
     print(f"note: the format has no place for {', '.join(lost)}")
+    changed = other_lengths(found, _read(list(written), ""))
+    if changed:
+        # The formats' frames of a wheel leave open from which side its cable comes.
+        print(
+            f"warning: read back, {cable_names(changed)} would have other lengths: their pulleys' "
+            "axes point towards the platform, and the format has no place for that"
+        )
     print(f"written: {', '.join(str(path) for path in written)}")
+
+
+def other_lengths(one: ExchangedRobot, other: ExchangedRobot) -> list[int]:
+    """Return the cables whose lengths two robots do not share at the first one's reference pose.
+
+    Args:
+        one: robot.
+        other: robot with as many cables.
+    """
+    lengths = []
+    for each in (one, other):
+        radius = each.pulley_radius if each.pulley_radius.size else 0.0
+        cables = cable_records(each.base_points, each.platform_points, radius, each.pulley_axes)
+        lengths.append(cable_lengths_unchecked(cables, one.position, one.rotation))
+    differ = ~(np.abs(lengths[0] - lengths[1]) < SAME_LENGTH_M)
+    return [int(index) for index in np.flatnonzero(differ)]
 
 
 def exchanged_of(robot: Robot) -> ExchangedRobot:

@@ -92,6 +92,12 @@ def draw_solids(
     figure.savefig(path, dpi=DPI)
 
 
+def _top(factor: FloatArray) -> float:
+    """End of the scale of factors; they are infinite where nothing is required."""
+    known = factor[np.isfinite(factor)]
+    return max(2.0, float(np.percentile(known, 99))) if known.size else 2.0
+
+
 def draw_slices(found: WorkspaceMap, path: Path, title: str) -> None:
     """Draw the least factor over the orientations in three planes through the grid's middle.
 
@@ -105,12 +111,12 @@ def draw_slices(found: WorkspaceMap, path: Path, title: str) -> None:
     free = found.free.all(axis=-1)
     figure = Figure(figsize=(11.0, 3.9), layout="constrained")
     panels: Any = figure.subplots(1, 3)
-    top = max(2.0, float(np.percentile(factor, 99)))
+    top = _top(factor)
     image = None
     for axes, (across, up) in zip(panels, ((0, 1), (0, 2), (1, 2)), strict=True):
         fixed = 3 - across - up
         middle = axes_m[fixed].size // 2
-        plane = np.take(factor, middle, axis=fixed).T
+        plane = np.minimum(np.take(factor, middle, axis=fixed).T, top)
         horizontal, vertical = axes_m[across], axes_m[up]
         image = axes.pcolormesh(horizontal, vertical, plane, vmin=0.0, vmax=top, cmap="viridis")
         if min(plane.shape) > 1:
@@ -145,7 +151,8 @@ def draw_plane(found: WorkspaceMap, geometry: RigGeometry, path: Path, title: st
     factor = np.squeeze(found.capacity.factor.min(axis=-1), axis=flat).T
     figure = Figure(figsize=(6.0, 5.0), layout="constrained")
     axes: Any = figure.subplots()
-    top = max(2.0, float(np.percentile(factor, 99)))
+    top = _top(factor)
+    factor = np.minimum(factor, top)
     image = axes.pcolormesh(axes_m[across], axes_m[up], factor, vmin=0.0, vmax=top, cmap="viridis")
     axes.contour(axes_m[across], axes_m[up], factor, levels=[1.0], colors=LIMIT, linewidths=2.0)
     held = geometry.reference_position + geometry.platform_points @ geometry.reference_rotation.T
