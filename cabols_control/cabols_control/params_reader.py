@@ -61,6 +61,8 @@ def read_params_file(path: Path, namespace: str = NAMESPACE) -> dict[str, dict[s
         raise ConfigError(f"{path}: expected nodes with their parameters, got {shown(content)}")
     nodes = {node.executable: node for node in all_nodes() if node.joins}
     wrong: list[str] = []
+    ours: set[str] = set()
+    theirs: set[str] = set()
     of_all: dict[str, dict[str, Any]] = {}
     found: dict[str, dict[str, Any]] = {}
     for target, section in _sections(content, nodes):
@@ -76,8 +78,12 @@ def read_params_file(path: Path, namespace: str = NAMESPACE) -> dict[str, dict[s
         elif target in EVERY_NODE:
             _read_of_all(nodes, given, of_all, wrong)
         else:
-            mine = where in ("", "/*", "/**", namespace)
+            place = "/" + where.strip("/")
+            mine = place in ("/", "/*", "/**", namespace)
+            (ours if mine else theirs).add(place)
             _read_section(nodes[name], given, found.setdefault(name, {}) if mine else {}, wrong)
+    if theirs and not (ours or of_all):
+        wrong.append(f"expected a section of {namespace}, got those of {', '.join(sorted(theirs))}")
     if wrong:
         raise ConfigError(f"{path}: {'; '.join(wrong)}")
     both = {name: {**of_all.get(name, {}), **found.get(name, {})} for name in {**of_all, **found}}

@@ -116,8 +116,18 @@ def test_what_cannot_be_used_is_named(text, said, file):
         ),
         ("/cabols: {supervisor: {ros__parameters: {auto_start: true}}}", {"auto_start": True}),
         ("/cabols/supervisor: {ros__parameters: {auto_start: true}}", {"auto_start": True}),
-        ("/rig2/supervisor: {ros__parameters: {auto_start: true}}", {}),
-        ("/rig2: {supervisor: {ros__parameters: {auto_start: true}}}", {}),
+        ("cabols/supervisor: {ros__parameters: {auto_start: true}}", {"auto_start": True}),
+        ("'**/supervisor': {ros__parameters: {auto_start: true}}", {"auto_start": True}),
+        (
+            "/rig2/supervisor: {ros__parameters: {auto_start: true}}\n"
+            "/cabols/supervisor: {ros__parameters: {state_timeout: 1.0}}",
+            {"state_timeout": 1.0},
+        ),
+        (
+            "/rig2: {supervisor: {ros__parameters: {auto_start: true}}}\n"
+            "/**: {ros__parameters: {state_timeout: 1.0}}",
+            {"state_timeout": 1.0},
+        ),
         ("/**: {ros__parameters: {use_sim_time: false}}", {}),
         ("/**: {ros__parameters: {scale: 2}}", {}),
     ],
@@ -127,10 +137,15 @@ def test_ros_own_forms(text, of_supervisor, file):
 
 
 def test_sections_of_another_namespace_are_its_rigs(file):
-    path = str(file("/rig2/supervisor: {ros__parameters: {auto_start: true}}"))
-    for namespace, told in (("/rig2", True), ("/cabols", None)):
+    mine, other = ({"ros__parameters": {"auto_start": value}} for value in (True, False))
+    sections = {"/rig2/supervisor": mine, "/rig3/supervisor": other}
+    path = str(file(yaml.safe_dump(sections)))
+    for namespace, told in (("/rig2", True), ("/rig3", False)):
         values = {"params_file": path, "namespace": namespace}
-        assert given(complete(rig_graph(), values), "supervisor").get("auto_start") is told
+        assert given(complete(rig_graph(), values), "supervisor")["auto_start"] is told
+    # Nothing of it would be obeyed: a misspelt namespace.
+    with pytest.raises(ConfigError, match="expected a section of /rig4, got those of /rig2, /rig3"):
+        complete(rig_graph(), {"params_file": path, "namespace": "/rig4"})
 
 
 @pytest.mark.parametrize(
