@@ -245,7 +245,7 @@ def geometry_of(content: GeometryFile, source: str | Path) -> RigGeometry:
         )
     if axes is not None and not np.any(content.pulley_radius):
         raise ConfigError(
-            f"{source}: pulley_axes: expected a pulley_radius above 0 beside it, got none; leave "
+            f"{source}: pulley_axes: expected pulley_radius above 0 beside it, got none; leave "
             "pulley_axes out where all cables leave points"
         )
     try:
