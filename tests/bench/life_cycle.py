@@ -17,6 +17,7 @@ import argparse
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -32,6 +33,9 @@ from record import write_figures
 from cabols_control.bags.reader import read_bag
 from cabols_control.errors import CabolsError
 from cabols_sim.bench.run import forgiving, isolated_environment, run_bench
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "harness"))
+from line_journal import LineJournal
 
 LAUNCH_FILE = Path(sys.prefix) / "share" / "cabols_sim" / "launch" / "bench.launch.py"
 MARK = "CABOLS_LIFE_CYCLE"
@@ -303,22 +307,19 @@ def main() -> int:
     name = "life_cycle_ros2_launch" if by_launch else "life_cycle"
     output = (arguments.output or Path("build") / name).absolute()
     output.mkdir(parents=True, exist_ok=True)
-    path = output / "trials.jsonl"
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    done = {row["number"] for row in rows}
+    journal = LineJournal(output / "journal.jsonl")
     wanted = 18 if arguments.short else arguments.trials
-    for number in (n for n in range(wanted) if n not in done):
+    for number in (n for n in range(wanted) if n not in journal.found):
+        shutil.rmtree(output / f"{number:04d}", ignore_errors=True)  # of a trial that was cut
         row = trial(number, arguments.seed, output, by_launch)
-        rows.append(row)
-        with path.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(row) + "\n")
+        journal.add(number, **row)
         said = "; ".join(row["wrong"])[:300] or "in order"
         print(
             f"{number:4d} {row['way']:9s} {row['delay_s']:5.2f} s after {row['phase']:13s} "
             f"ended in {row['ended_in_s']:5.2f} s: {said}",
             flush=True,
         )
-    figures = report(rows)
+    figures = report(list(journal.found.values()))
     write_figures(Path(f"build/bench/{name}.json"), figures)
     for way, counts in figures["by_way"].items():
         print(f"{way:10s} {counts['trials']:4d} trials, {counts['wrong']} wrong")
