@@ -160,3 +160,10 @@ def test_mistakes_in_the_text_are_named(tmp_path, text, named):
 def test_mistakes_in_the_xml_are_named(tmp_path, text, named):
     with pytest.raises(DataFileError, match=named):
         read_wirex(written(tmp_path, text, "robot.xml"))
+
+
+def test_a_robot_of_cdpyr_in_xml_is_named(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text("<robot><frame><anchors><anchor/></anchors></frame></robot>", "utf-8")
+    with pytest.raises(DataFileError, match="one of cdpyr in XML, of which JSON and YAML"):
+        read_wirex(path)

@@ -81,6 +81,11 @@ def _read_xml(path: Path) -> tuple[ExchangedRobot, bool]:
     """Robot of the XML, and whether it moves in a plane."""
     root = xml_tree(path)
     found = [each for each in root.iter("robot") if each.find("geometry/chain") is not None]
+    if not found and root.find(".//frame/anchors") is not None:
+        raise DataFileError(
+            f"{path}: expected a robot of WireX, got one of cdpyr in XML, of which JSON and YAML "
+            "are read"
+        )
     if len(found) != 1:
         raise DataFileError(
             f"{path}: expected one robot with geometry and chains, got {len(found)}; CASPR's "
