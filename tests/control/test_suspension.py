@@ -10,6 +10,7 @@ import pytest
 import yaml
 from scipy.optimize import linprog
 
+from cabols_control.commissioning.results import write_results
 from cabols_control.configuration import load_config, read_yaml
 from cabols_control.errors import ConfigError, OutOfRangeError
 from cabols_control.kinematics import cable_lengths, structure_matrix
@@ -142,3 +143,9 @@ def test_gears_are_read_from_limbs_yaml(tmp_path):
 def test_refuses_a_platform_without_mass(rig, mass):
     with pytest.raises(OutOfRangeError):
         judge_suspension(geared(rig, self_locking=True), mass, np.zeros(3), RANGE)
+
+
+def test_commissioning_keeps_what_is_known_of_the_gears(tmp_path, rig):
+    known = geared(rig, friction_current=[0.03] * 8, load_current=2e-4)
+    write_results(tmp_path, known, {})
+    assert load_rig(limbs=tmp_path / "limbs.yaml").limbs == known.limbs

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -227,7 +227,7 @@ def _limbs_text(rig: Rig, results: Mapping[int, LimbResult]) -> str:
     limbs = rig.limbs
     left = [i for i in range(len(limbs.gain)) if i not in results]
     note = f"# As configured, not commissioned: {limb_names(left)}.\n" if left else ""
-    values = {
+    values: dict[str, Any] = {
         "stiffness": _rounded(limbs.stiffness),
         "switch_tension": limbs.switch_tension,
         "gain": [round(value, 8) for value in limbs.gain],
@@ -237,6 +237,8 @@ def _limbs_text(rig: Rig, results: Mapping[int, LimbResult]) -> str:
         values["backlash"] = limbs.backlash
     if limbs.axial_stiffness is not None:
         values["axial_stiffness"] = limbs.axial_stiffness
+    if limbs.gear is not None:
+        values["gear"] = asdict(limbs.gear)
     head = "# Limbs by commissioning, limb 1 first: N/m, N, m/s/A, s.\n"
     return head + note + yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
 
