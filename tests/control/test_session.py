@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import time
 
+import numpy as np
 import pytest
 from cabols_msgs.msg import Mode, MotorCurrent
 
@@ -144,23 +145,42 @@ def test_a_mode_that_stops_is_obeyed_whatever_its_stamp(judge, mode):
     assert judge._judge(told(mode, -3600.0))
 
 
-def test_poses_of_a_played_bag_are_dropped_while_the_robots_come(monkeypatch):
+@pytest.fixture
+def poses(monkeypatch):
+    """A judge of poses, and what it says of a stamp at a time."""
     layout, sessions = pose_layout(load_rig("").geometry), SessionFollower()
     now = [100.0]
     monkeypatch.setattr(time, "monotonic", lambda: now[0])
     judge = living(layout, sessions, lockstep=False)
 
-    def pose(stamp_s):
+    def hear(now_s, stamp_s):
+        now[0] = now_s
         message = layout.record()
         message.stamp(round(1e9 * stamp_s))
-        return layout.laid_out(message.raw())
+        return judge(layout.laid_out(message.raw()))
 
+    return hear
+
+
+@pytest.mark.parametrize("step_s", [0.4, -0.4, -0.6, -2.0, -3600.0, -1e6, 0.6, 3600.0, 1e8])
+@pytest.mark.parametrize("period_s", [0.004, 0.012])
+def test_clock_that_is_set_under_load_makes_no_gap_in_the_poses(poses, step_s, period_s):
+    """Clocks of robot and rig are set once, or to and fro: 0.1 s without a pose stop the rig."""
+    accepted = []
+    for k in range(600):
+        now_s = 100.0 + period_s * k
+        back = 150 <= k < 300 or k >= 450
+        if poses(now_s, 1.7e9 + period_s * k + (step_s if back else 0.0)):
+            accepted.append(now_s)
+    assert np.diff(accepted).max() <= 0.06
+    assert accepted[-1] == pytest.approx(now_s)
+
+
+def test_poses_of_a_played_bag_are_dropped_while_the_robots_come(poses):
     for k in range(5):
-        now[0] += 0.004
-        assert judge(pose(1000.0 + 0.004 * k))
-        assert not judge(pose(400.0 + 0.004 * k))
-    assert sessions.dropped == 5
+        now_s = 100.0 + 0.004 * k
+        assert poses(now_s, 1000.0 + 0.004 * k)
+        assert not poses(now_s, 400.0 + 0.004 * k)
     # Late or out of order is no other stream's; and a silent one may be followed by another clock.
-    assert judge(pose(999.9))
-    now[0] += 0.2
-    assert judge(pose(400.0))
+    assert poses(now_s, 999.9)
+    assert poses(now_s + 0.2, 400.0)

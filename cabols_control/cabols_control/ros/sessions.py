@@ -18,8 +18,12 @@ from cabols_control.supervision.session import STAMP_S, SessionFollower
 
 SESSION = struct.Struct("<Q")
 MODES = frozenset(int(mode) for mode in OperatingMode)
-BEHIND_NS, ALIVE_S = 500_000_000, 0.1
-"""What is so far behind a stream that is so young is none of its messages: a played bag's."""
+BEHIND_NS, ALIVE_S = 500_000_000, 0.04
+"""What is so far behind a stream that is so young is none of its messages: a played bag's.
+
+Where the clock behind the stamps was set back nothing comes for so long, much less than the 0.1 s
+at which a pose is too old.
+"""
 MOVES = frozenset(int(mode) for mode in MOVING)
 CAUSES = frozenset(int(cause) for cause in Cause)
 

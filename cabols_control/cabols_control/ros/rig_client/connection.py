@@ -245,8 +245,11 @@ class RigConnection:
             self._readers[name] = (Reader(self._node, name), None, 0)
         reader, message, received_ns = self._readers[name]
         for newer, when_ns in reader.take_timed():
-            message, received_ns = newer, when_ns
+            # From now on by a clock that is never set; one that was set back makes nothing younger.
+            waited_ns = max(time.time_ns() - when_ns, 0)
+            message, received_ns = newer, time.monotonic_ns() - waited_ns
         self._readers[name] = (reader, message, received_ns)
         if message is None or row.quality != Quality.CONTROL:
             return message
-        return message if time.time_ns() - received_ns <= 1e9 * FRESH_S / self._speed else None
+        age_ns = time.monotonic_ns() - received_ns
+        return message if age_ns <= 1e9 * FRESH_S / self._speed else None
