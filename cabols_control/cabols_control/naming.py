@@ -12,6 +12,20 @@ from collections.abc import Iterable
 
 from cabols_control.errors import CabolsError
 
+TOLD = 1000
+"""Of a text that came in a message, people are told this much [characters]."""
+
+
+def told(text: str, most: int = TOLD) -> str:
+    """Return what is told of a text out of a message: its beginning, without control characters.
+
+    Args:
+        text: from anybody.
+        most: longest that is told [characters].
+    """
+    short = text if len(text) <= most else f"{text[: most - 3]}..."
+    return short if short.isprintable() else "".join(c if c.isprintable() else " " for c in short)
+
 
 def number(index: int) -> int:
     """Return the number that people read for an index from 0."""

@@ -126,19 +126,15 @@ def trial(
 
 
 def lift(rig: RigClient) -> int:
-    """Reset the stop until all nodes run again; returns how many resets that took.
-
-    A stop is repeated until it is acknowledged: a supervisor that was restarted, or is reset at
-    once, may hear it again after its reset, and latch it again.
-    """
+    """Reset the stop until all nodes run again; returns how many resets that took: one."""
     give_up, resets = time.monotonic() + LIFTED_S, 0
     while not lifted(rig):
         if time.monotonic() > give_up:
             raise RigError(f"after {resets} resets the rig is still in {rig.mode}")
         if rig.mode == OperatingMode.FAULT:
-            resets += 1
             with suppress(RigError):
                 rig.reset(timeout_s=LOOK_S)
+                resets += 1
     return resets
 
 

@@ -58,7 +58,8 @@ from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.held_load import held_text
 from cabols_control.supervision.modes import MOVING, NEXT, ModeMachine, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
-from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
+from cabols_control.supervision.supervision_config import SupervisionConfig
+from cabols_control.supervision.supervisor import Supervision
 from cabols_control.tension import distribute
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.tracker.config import load_tracker_config

@@ -18,7 +18,8 @@ from cabols_control.supervision.modes import (
     OperatingMode,
 )
 from cabols_control.supervision.starvation import StarvationWatch
-from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
+from cabols_control.supervision.supervision_config import SupervisionConfig
+from cabols_control.supervision.supervisor import Supervision
 
 READY = np.ones(8, dtype=bool)
 STANDING = Condition(READY, fresh=True)

@@ -14,7 +14,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from cabols_control.ros import transport
 from cabols_control.ros.stops import StopLatch, StopReceiver, StopSender
-from cabols_control.supervision.modes import Cause, OperatingMode
 from graph_harness import next_environment
 
 PATIENCE_S = 100.0
@@ -67,7 +66,7 @@ def test_a_stop_reaches_a_node_that_starts_after_it_was_pressed(graph):
     sender = StopSender(graph.node("console"))
     number = sender.press("somebody")
     heard = []
-    StopReceiver(graph.node("plant"), heard.append)
+    StopReceiver(graph.node("plant"), lambda sender, _: heard.append(sender))
     wait(lambda: sender.acknowledged(number) == ["plant"])
     assert heard == ["somebody"]
 
@@ -76,7 +75,7 @@ def test_a_stop_reaches_a_node_that_starts_after_it_was_pressed(graph):
 def test_several_senders_and_receivers_act_once_for_each_press(graph):
     acted = {name: [] for name in ("plant", "limb_controller", "supervisor")}
     for name, heard in acted.items():
-        StopReceiver(graph.node(name), heard.append)
+        StopReceiver(graph.node(name), lambda sender, _, heard=heard: heard.append(sender))
     senders = [StopSender(graph.node(f"page_{k}")) for k in range(3)]
     numbers = [sender.press(str(k)) for k, sender in enumerate(senders)]
     for sender, number in zip(senders, numbers, strict=True):
@@ -87,33 +86,40 @@ def test_several_senders_and_receivers_act_once_for_each_press(graph):
 @pytest.mark.ros
 def test_memory_is_bounded_under_a_flood(graph):
     node = graph.node("flood")
-    receiver = StopReceiver(graph.node("plant"), lambda _: None)
+    receiver = StopReceiver(graph.node("plant"), lambda *_: None)
     for number in range(2000):
         receiver._hear(Stop(number=number, sender="x" * 10000))
-    assert len(receiver._heard) <= 256
+    assert len(receiver.presses._heard) <= 256
     sender = StopSender(node)
     sender._acknowledged = {k: [] for k in range(256)}
     sender.press("x" * 10000)
     assert len(sender._acknowledged) <= 256
 
 
-def test_a_latch_holds_until_the_supervisor_was_in_fault_and_was_reset(graph):
+@pytest.mark.ros
+def test_a_latch_holds_until_its_own_number_is_lifted(graph):
     done = []
     latch = StopLatch(
         graph.node("plant"), lambda: done.append("stop"), lambda: done.append("release")
     )
-    latch._press("me")
-    repeated = [
-        (OperatingMode.LOADING, Cause.REQUEST),
-        (OperatingMode.STOPPED, Cause.START),
-        (OperatingMode.STOPPED, Cause.RESET),
-    ]
-    for mode, cause in repeated:
-        latch.follow(mode, {"cause": cause})
-        assert latch.fault is not None, "a reset from before the stop lifts nothing"
-    latch.follow(OperatingMode.FAULT, {"cause": Cause.EMERGENCY_STOP})
-    latch.follow(OperatingMode.STOPPED, {"cause": Cause.START})
-    assert done == ["stop"], "a supervisor that was restarted lifts nothing either"
-    latch.follow(OperatingMode.STOPPED, {"cause": Cause.RESET})
-    assert done == ["stop", "release"]
-    assert latch.fault is None
+    for number in (5, 6):
+        latch._hear(Stop(number=number))
+    for lifted in ((), (0, 0), (7,), (6, 0)):
+        latch.follow(lifted)
+        assert latch.number == 5, "what lifts another one lifts nothing here"
+    assert done == ["stop", "stop"]
+    latch.follow((4, 5))
+    assert done == ["stop", "stop", "release"]
+    assert latch.number == 0
+    latch._hear(Stop(number=6))
+    assert done[-1] == "release", "a repetition that comes after its reset stops nothing"
+
+
+@pytest.mark.ros
+def test_each_message_without_a_number_is_a_press(graph):
+    heard = []
+    receiver = StopReceiver(graph.node("plant"), lambda *press: heard.append(press))
+    for _ in range(3):
+        receiver._hear(Stop(sender="typed by hand"))
+    assert len({number for _, number in heard}) == 3
+    assert all(number for _, number in heard)

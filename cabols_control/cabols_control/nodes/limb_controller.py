@@ -82,6 +82,7 @@ class LimbControllerNode(ControlNode):
         )
         self._loop.prepare = self.prepare_thread
         self._loop.use_pause = self._hear_command
+        self._pressed = 0
         self._stops = StopReceiver(self, self._stop)
         self.seen_mode = OperatingMode.STOPPED
         self._mode_count = 0
@@ -160,11 +161,14 @@ class LimbControllerNode(ControlNode):
         fault = self._controller.fault
         complete = self._command.count > 0 and self._mode.count > 0
         state = FAULT if fault is not None else RUNNING if complete else WAITING
+        stopped = fault is not None and fault.name == FaultName.EMERGENCY_STOP
+        self.status.stop = self._pressed if stopped else 0
         self.status.cycle(self._state.stamp_ns, state, fault)
         self.tidy()
 
-    def _stop(self, _sender: str) -> None:
+    def _stop(self, _sender: str, number: int) -> None:
         """Hold the currents at zero until the mode has been STOPPED."""
+        self._pressed = number
         self._trip(FaultName.EMERGENCY_STOP, PRESSED)
 
     def _trip(self, name: FaultName, reason: str) -> None:

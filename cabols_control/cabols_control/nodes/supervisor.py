@@ -13,6 +13,7 @@ from cabols_msgs.srv import SetMode
 from std_srvs.srv import Trigger
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
+from cabols_control.naming import told
 from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout
 from cabols_control.ros.live import live_name
@@ -29,9 +30,12 @@ from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.senders import SenderFollower
 from cabols_control.supervision.session import LOCKSTEP_SESSION
 from cabols_control.supervision.starvation import StarvationWatch
-from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
+from cabols_control.supervision.supervision_config import SupervisionConfig
+from cabols_control.supervision.supervisor import Supervision
 
 PERIOD_S = 0.02
+NAME_SIZE = 100
+"""Of a node's name this much counts [characters]."""
 NEWS_S = 0.06
 """Longest silence of the slow limb states, which come every 45 ms [s]."""
 SECONDS_PERIOD_S = 1.0
@@ -180,6 +184,7 @@ class SupervisorNode(ControlNode):
         record["cause"][0] = int(entry.cause)
         record["zeroing"][0] = entry.zeroing
         record["session"][0] = self._session
+        record["lifted"][:] = self._core.stops.lifted
         self._output.publish(record.raw())
         if entry.mode == OperatingMode.FAULT:
             fault = Fault(entry.fault or FaultName.OTHER, entry.reason)
@@ -190,26 +195,27 @@ class SupervisorNode(ControlNode):
     def _look_for_seconds(self) -> None:
         """Name nodes that publish what another one does."""
         found = [one for topic in SINGLE for one in publishers(self, topic)]
-        told = self._seconds.look(found, time.monotonic())
+        names = self._seconds.look(found, time.monotonic())
         with self._lock:
-            self._notice = Fault(FaultName.SECOND_PUBLISHER, told) if told else None
+            self._notice = Fault(FaultName.SECOND_PUBLISHER, names) if names else None
 
     def _hear_status(self, message: LoopStatus) -> None:
-        if message.node == self.get_name():
+        node = told(message.node, NAME_SIZE)
+        if node == self.get_name():
             return
         in_fault = message.state == LoopStatus.FAULT
         name = fault_name(message.fault, in_fault)
-        said = Fault(name, message.reason) if name is not None else None
+        said = Fault(name, told(message.reason)) if name is not None else None
         fault = said if in_fault else None
         stamp_s = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         with self._lock:
             now_s = self._now_s()
-            if not self._senders.admit(message.node, message.instance, now_s):
+            if not self._senders.admit(node, message.instance, now_s):
                 self.status.counted["strange_reports"] = self._senders.dropped
                 return
             running = message.state == LoopStatus.RUNNING
-            self._core.hear_notice(message.node, None if in_fault else said)
-            self._core.hear_report(message.node, now_s, running, fault, stamp_s)
+            self._core.hear_notice(node, None if in_fault else said)
+            self._core.hear_report(node, now_s, running, fault, stamp_s, message.stop)
             self._publish_change()
 
     def _hear_operator(self, message: OperatorHeartbeat) -> None:
@@ -234,10 +240,10 @@ class SupervisorNode(ControlNode):
             time.sleep(0.002)
             self._hear_news()
 
-    def _hear_stop(self, sender: str) -> None:
+    def _hear_stop(self, sender: str, number: int) -> None:
         with self._lock:
             self.status.log.info(f"stop pressed by {sender or 'nobody named'}")
-            self._core.emergency_stop(PRESSED)
+            self._core.emergency_stop(PRESSED, number)
             self._publish_change()
 
     def _emergency_stop(self, request: Any, response: Any) -> Any:

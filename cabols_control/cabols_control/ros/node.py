@@ -67,6 +67,7 @@ class Status:
         counted: further counters for /diagnostics, by name.
         configuration: fingerprint of the rig's files, for /diagnostics.
         notice: told with every report in which the loop has nothing of its own to tell.
+        stop: number of an emergency stop that the node holds; 0 for none.
     """
 
     def __init__(self, node: Node, lockstep: bool) -> None:
@@ -77,9 +78,10 @@ class Status:
         self._instance = LOCKSTEP_INSTANCE if lockstep else draw_instance()
         self._layout = lru_cache(maxsize=16)(topics.loop_status_layout)
         self._layout(self._name, "")
-        self._reported: tuple[int, Fault | None] = (-1, None)
+        self._reported: tuple[int, Fault | None, int] = (-1, None, 0)
         self.log = LoopLog(node)
         self.notice: Fault | None = None
+        self.stop = 0
         self.on_change: Callable[[], object] = lambda: None
         self.sessions = SessionFollower()
         self.cycles = 0
@@ -101,12 +103,12 @@ class Status:
         """
         self.cycles += 1
         fault = fault or self.notice
-        changed = (state, fault) != self._reported
+        changed = (state, fault, self.stop) != self._reported
         if changed or self.cycles % REPORT_EVERY == 0:
             self.publish(stamp_ns, state, fault)
         if changed:
             self._log(state, fault)
-            self._reported = (state, fault)
+            self._reported = (state, fault, self.stop)
             self.on_change()
 
     def publish(self, stamp_ns: int, state: int, fault: Fault | None = None) -> None:
@@ -120,6 +122,7 @@ class Status:
             record[name][0] = getattr(self, name)
         record["dropped"][0] = self.sessions.dropped
         record["instance"][0] = self._instance
+        record["stop"][0] = self.stop
         if not self._lockstep:
             record["work_time"][0], record["work_time_p99"][0] = self.work.summary()
             record["round_trip"][0], record["round_trip_p99"][0] = self.round_trip.summary()
@@ -127,7 +130,7 @@ class Status:
 
     def snapshot(self) -> Health:
         """Return the newest state, fault and counters."""
-        state, fault = self._reported
+        state, fault, _ = self._reported
         counted = ("cycles", "lost", "late", "infeasible")
         counters: dict[str, object] = {name: getattr(self, name) for name in counted}
         counters |= self.counted

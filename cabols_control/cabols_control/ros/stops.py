@@ -11,17 +11,17 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
 
 from cabols_msgs.msg import Stop, StopReceived
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
+from cabols_control.naming import told
 from cabols_control.ros.qos import topic_qos
 from cabols_control.stamps import set_time
 from cabols_control.supervision.faults import Fault, FaultName
-from cabols_control.supervision.modes import Cause, OperatingMode
+from cabols_control.supervision.stops import REMEMBERED, HeldStops
 
 REPEAT_S = 0.05
 """Period of a stop's repetitions [s]."""
@@ -31,10 +31,10 @@ LINGER_S = 1.0
 """After the first acknowledgement it is repeated so long, for nodes that are just starting [s]."""
 PRESSED = "emergency stop"
 """Why the rig stopped, for people; the log and the message on `stop` say who pressed."""
+STOPPED = Fault(FaultName.EMERGENCY_STOP, PRESSED)
+"""Fault of a node that holds a stop."""
 SENDER_SIZE = 100
 """Of a sender's name this much is told [characters]."""
-REMEMBERED = 256
-"""Presses that a receiver remembers: repetitions are acknowledged, not acted on again."""
 
 
 def _nothing() -> None:
@@ -42,45 +42,51 @@ def _nothing() -> None:
 
 
 class StopReceiver:
-    """Acts on each stop once, and acknowledges each of its messages."""
+    """Acts on each stop once, and acknowledges each of its messages.
+
+    Attributes:
+        presses: that the node has heard.
+    """
 
     def __init__(
         self,
         node: Node,
-        act: Callable[[str], object],
+        act: Callable[[str, int], object],
         group: CallbackGroup | None = None,
     ) -> None:
         """Listen in the node's executor.
 
         Args:
             node: that stops what it drives.
-            act: stops it; called with who pressed. An acknowledgement follows when it returns.
+            act: stops it; called with who pressed, and the press's number. An acknowledgement
+                follows when it returns.
             group: of the callback; None: the node's own.
         """
         self._name = node.get_name()
         self._act = act
-        self._heard: dict[int, None] = {}
+        self.presses = HeldStops()
+        self._lock = threading.Lock()
         self._answers = node.create_publisher(
             StopReceived, "stop_received", topic_qos("stop_received")
         )
         node.create_subscription(Stop, "stop", self._hear, topic_qos("stop"), callback_group=group)
 
     def _hear(self, message: Stop) -> None:
-        number = int(message.number)
-        if number not in self._heard:
-            self._act(str(message.sender)[:SENDER_SIZE])
-            if len(self._heard) >= REMEMBERED:
-                self._heard.pop(next(iter(self._heard)))
-            self._heard[number] = None
-        self._answers.publish(StopReceived(number=number, node=self._name))
+        given = int(message.number)
+        # Typed by hand, without a number: each message is a press of its own.
+        number = given or draw_press()
+        # In a cycle of another thread a press must not come between its check and its release.
+        with self._lock:
+            if self.presses.press(number):
+                self._act(told(message.sender, SENDER_SIZE), number)
+        self._answers.publish(StopReceived(number=given, node=self._name))
 
 
 class StopLatch(StopReceiver):
-    """Holds a stop, whatever mode comes, until a supervisor has latched it and was then reset.
+    """Holds each stop, whatever mode comes, until a mode names it as lifted by a reset.
 
-    Attributes:
-        fault: to be reported while it holds, so that a supervisor which did not run when the stop
-            was pressed latches it; None else.
+    The node reports STOPPED with the number of one that holds, so that a supervisor which did not
+    run when it was pressed latches it.
     """
 
     def __init__(
@@ -93,28 +99,31 @@ class StopLatch(StopReceiver):
             stop: stops it.
             release: lets it move again.
         """
-        self.fault: Fault | None = None
-        self._latched = False
         self._stop, self._release = stop, release
         super().__init__(node, self._press)
 
-    def _press(self, _sender: str) -> None:
-        self._latched = False
-        self.fault = Fault(FaultName.EMERGENCY_STOP, PRESSED)
+    @property
+    def number(self) -> int:
+        """Number of a stop that holds; 0 for none. Any thread may ask."""
+        return self.presses.number
+
+    def _press(self, _sender: str, _number: int) -> None:
         self._stop()
 
-    def follow(self, mode: OperatingMode, record: Any) -> None:
-        """Take the mode that is in force.
+    def follow(self, lifted: Iterable[int]) -> None:
+        """Take a mode of the session that is followed; after it is in force.
 
         Args:
-            mode: present one.
-            record: Mode's message, with its cause; None before the first.
+            lifted: its numbers of stops that a reset has lifted.
         """
-        if mode == OperatingMode.FAULT:
-            self._latched = True
-        elif self._latched and record is not None and int(record["cause"]) == Cause.RESET:
-            self.fault = None
-            self._release()
+        with self._lock:
+            if self.presses.lift(int(number) for number in lifted):
+                self._release()
+
+
+def draw_press() -> int:
+    """Draw the number of a press; never 0."""
+    return secrets.randbits(64) | 1
 
 
 class StopSender:
@@ -140,7 +149,7 @@ class StopSender:
         Args:
             sender: who presses, for people.
         """
-        message = Stop(number=secrets.randbits(64), sender=sender[:SENDER_SIZE])
+        message = Stop(number=draw_press(), sender=sender[:SENDER_SIZE])
         set_time(message.stamp, time.time_ns())
         number = int(message.number)
         with self._lock:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,51 +21,24 @@ from cabols_control.supervision.modes import (
     Verdict,
 )
 from cabols_control.supervision.senders import NODES as SENDERS
+from cabols_control.supervision.stops import LatchedStops
+from cabols_control.supervision.supervision_config import SupervisionConfig
 
 FOLLOWED_S = 1.0
 """Longest time from the mode's entry to the first sample that the bridge takes in it."""
 COMPLAINT_PERIODS = 3.0
 """A complaint that is not repeated ends after this many report time-outs: its sender has gone."""
-RESET_TRAVELS_S = 1.0
-"""Reports of a stop that are no later than this after its reset are from before [s]."""
 
 BARRED = frozenset({FaultName.NOT_HELD, FaultName.INACTIVE})
 """Notices with which nothing may move."""
 
 
-@dataclass(frozen=True)
-class SupervisionConfig:
-    """How the supervisor acts.
+class Supervision:
+    """Pure core of the supervisor node. Times are stamps of limb states, or the same clock.
 
     Attributes:
-        auto_start: go to PRETIGHTENING and LOADING without a request.
-        settle_s: time of arriving states before the automatic start, e.g. for the tare.
-        pretension_timeout_s: longest pre-tightening.
-        state_timeout_s: longest silence of the limb states.
-        controllers: nodes that must report before the cables may move.
-        bridges: one of these must, too: it then gets motor currents; empty for none.
-        report_timeout_s: longest age of a report that counts.
-        unloaded_tension: below it in all limbs, UNLOADING is over [N].
-        unload_timeout_s: longest UNLOADING.
-        recorder: node without whose reports a test is not recorded; empty for none.
-        recorder_timeout_s: longest silence of a recorder that has recorded.
+        stops: emergency stops that are latched, and those that resets have lifted.
     """
-
-    auto_start: bool = False
-    settle_s: float = 0.4
-    pretension_timeout_s: float = 15.0
-    state_timeout_s: float = 0.2
-    controllers: tuple[str, ...] = ("limb_controller", "wrench_controller")
-    bridges: tuple[str, ...] = ("plant", "q8_ati_bridge")
-    report_timeout_s: float = 1.5
-    unloaded_tension: float = 8.0
-    unload_timeout_s: float = 5.0
-    recorder: str = "recorder"
-    recorder_timeout_s: float = 5.0
-
-
-class Supervision:
-    """Pure core of the supervisor node. Times are stamps of limb states, or the same clock."""
 
     def __init__(self, config: SupervisionConfig) -> None:
         """Start in STOPPED, without any message."""
@@ -80,7 +52,7 @@ class Supervision:
         self._entered_s = -np.inf
         self._started = False
         self._automatic = config.auto_start
-        self._reset_s = -np.inf
+        self.stops = LatchedStops()
         self._reports: dict[str, float] = {}
         self._untared: dict[str, str] = {}
         self._unchecked: dict[str, str] = {}
@@ -233,7 +205,13 @@ class Supervision:
             self._leaving.pop(node, None)
 
     def hear_report(
-        self, node: str, now_s: float, running: bool, fault: Fault | None, stamp_s: float
+        self,
+        node: str,
+        now_s: float,
+        running: bool,
+        fault: Fault | None,
+        stamp_s: float,
+        stop: int = 0,
     ) -> None:
         """Take a node's report.
 
@@ -246,6 +224,7 @@ class Supervision:
             running: whether all its inputs arrive.
             fault: that it reports; None for none.
             stamp_s: of the newest sample that the node has handled [s].
+            stop: number of the emergency stop that it holds; 0 for one without a number.
         """
         if node == self._config.recorder:
             self._recorded_s = now_s if running else np.inf
@@ -258,8 +237,7 @@ class Supervision:
         self._note(self._complaints, node, (fault, now_s))
         if fault.name == FaultName.EMERGENCY_STOP:
             # Perhaps pressed while no supervisor ran: the bridge has cut, only a reset lifts it.
-            if not now_s - self._reset_s < RESET_TRAVELS_S:
-                self.emergency_stop(fault.reason)
+            self.emergency_stop(fault.reason, stop)
         elif self.mode in MOVING and not (overload and self._relieves(stamp_s)):
             self._machine.fault(fault, node)
 
@@ -350,17 +328,23 @@ class Supervision:
             self._note_entry()
         return verdict
 
-    def emergency_stop(self, reason: str) -> None:
-        """Latch FAULT at once; the bridge cuts, also an unloading under way."""
-        self._automatic = False
-        self._machine.emergency(reason)
+    def emergency_stop(self, reason: str, number: int = 0) -> None:
+        """Latch FAULT at once; the bridge cuts, also an unloading under way.
+
+        Args:
+            reason: for people.
+            number: of the press; one that a reset has lifted is not latched again. 0: has none.
+        """
+        if self.stops.latch(number):
+            self._automatic = False
+            self._machine.emergency(reason)
 
     def reset(self) -> Verdict:
         """Leave FAULT for STOPPED; no motion follows, also no automatic start (ISO 13850)."""
         self._automatic = False
         verdict = self._machine.reset()
         if verdict.allowed:
-            self._reset_s = self._newest_s
+            self.stops.reset()
         return verdict
 
     def fresh(self, now_s: float) -> bool:

@@ -18,7 +18,7 @@ from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.refusal import Refusal, serve
-from cabols_control.ros.stops import StopLatch
+from cabols_control.ros.stops import PRESSED, StopLatch
 from cabols_control.ros.threads.pause import pause
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_hw.abb.configurations import load_configurations
@@ -161,8 +161,8 @@ class AbbTrackerBridge(ControlNode):
 
     def _forbidden(self) -> str:
         """Why the robot may not move in this mode; empty if it may."""
-        if self._stops.fault is not None:
-            return f"{self._stops.fault.reason}: call reset"
+        if self._stops.number:
+            return f"{PRESSED}: call reset"
         present = self._stream.mode
         if present is None:
             return "no mode received: is the supervisor running?"
@@ -185,7 +185,7 @@ class AbbTrackerBridge(ControlNode):
 
     def _code_of_mode(self) -> ResultCode:
         """Code of a refusal that the mode, or a stop, causes."""
-        if self._stops.fault is not None or self._stream.mode == OperatingMode.FAULT:
+        if self._stops.number or self._stream.mode == OperatingMode.FAULT:
             return ResultCode.FAULT_LATCHED
         return ResultCode.NOT_READY if self._stream.mode is None else ResultCode.WRONG_MODE
 
@@ -228,8 +228,8 @@ class AbbTrackerBridge(ControlNode):
 
     def _obstacle(self) -> str:
         """Why the robot may not move in any mode; empty if it may."""
-        if self._stops.fault is not None:
-            return f"{self._stops.fault.reason}: call reset"
+        if self._stops.number:
+            return f"{PRESSED}: call reset"
         return self._watch.unwatched()
 
     def _judge_path(self, request: Any) -> Refusal | None:

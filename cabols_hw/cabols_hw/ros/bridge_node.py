@@ -17,7 +17,7 @@ from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare_row
 from cabols_control.ros.sessions import ModeInput, same_session
-from cabols_control.ros.stops import StopLatch
+from cabols_control.ros.stops import STOPPED, StopLatch
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
 from cabols_hw.bridge.bridge import Bridge
@@ -339,13 +339,11 @@ class BridgeNode(ManagedBridge, ControlNode):
             self.daq.clear_watchdog()
 
     def _hear_mode(self) -> None:
-        self._take_mode()
-        if self._stops.fault is not None:
-            self._stops.follow(self._mode, self._mode_input.record)
+        if self._mode_input.take():
+            self._take_mode()
+            self._stops.follow(self._mode_input.record["lifted"])
 
     def _take_mode(self) -> None:
-        if not self._mode_input.take():
-            return
         record = self._mode_input.record
         # The number first: a sample in between must not use the new mode with the old zeros.
         self._zeroing = int(record["zeroing"])
@@ -374,8 +372,9 @@ class BridgeNode(ManagedBridge, ControlNode):
             resting = self._mode not in MOVING and not self._guard.unloading.active
             found = self._power_on.look(resting) or self._bias_keeper.look(resting)
             self._notice = self._unheld or found
-        if self._stops.fault is not None:
-            self.status.cycle(stamp_ns, FAULT, self._stops.fault)
+        self.status.stop = stopped = self._stops.number
+        if stopped:
+            self.status.cycle(stamp_ns, FAULT, STOPPED)
         elif fault is not None:
             self.status.cycle(stamp_ns, FAULT, fault.told())
         elif not self.active:

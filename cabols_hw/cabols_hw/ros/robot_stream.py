@@ -19,7 +19,7 @@ from cabols_control.rig_folder import RigFolder
 from cabols_control.ros import topics
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.sessions import ModeInput
-from cabols_control.ros.stops import StopLatch
+from cabols_control.ros.stops import STOPPED, StopLatch
 from cabols_control.ros.threads.guarded_thread import GuardedThread
 from cabols_control.rotations import pose_matrix
 from cabols_control.serial_arm import read_serial_arm
@@ -192,8 +192,8 @@ class RobotStream(GuardedThread):
 
     def _hear_mode(self) -> None:
         before, self.mode = self.mode, OperatingMode(int(self._mode_input.record["mode"]))
-        if self.stops is not None and self.stops.fault is not None:
-            self.stops.follow(self.mode, self._mode_input.record)
+        if self.stops is not None:
+            self.stops.follow(self._mode_input.record["lifted"])
         self.on_mode(self.mode)
         if self.mode == OperatingMode.FAULT and before not in (None, self.mode):
             self.on_fault()
@@ -223,6 +223,7 @@ class RobotStream(GuardedThread):
             **{f"refused_{reason.name.lower()}": n for reason, n in counter.refused.items()},
         }
         self._quality.look()
+        status.stop = 0 if self.stops is None else self.stops.number
         state, fault = self._judged()
         status.cycle(0 if self.newest is None else self.stamp_ns, state, fault)
         self._node.tidy()
@@ -230,6 +231,8 @@ class RobotStream(GuardedThread):
     def _judged(self) -> tuple[int, Fault | None]:
         """Return the state, and what is wrong or only worth saying."""
         quality, newest = self._quality, self.newest
+        if self._node.status.stop:
+            return FAULT, STOPPED
         refused = None
         if quality.notice:
             refused = Fault(FaultName.STREAM_REFUSED, f"robot: {quality.notice}")

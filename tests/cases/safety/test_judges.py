@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cabols_control.supervision.faults import Fault, FaultName
-from cabols_control.supervision.supervisor import Supervision, SupervisionConfig
+from cabols_control.supervision.supervision_config import SupervisionConfig
+from cabols_control.supervision.supervisor import Supervision
 from cabols_sim.fault_campaign.judgement import Report, TrialData, judge
 
 NODES = ("limb_controller", "wrench_controller", "plant")
