@@ -39,11 +39,15 @@ def pose_matrix(quaternion: ArrayLike) -> FloatArray:
     return np.asarray(Rotation.from_quat(quaternion).as_matrix(), dtype=np.float64)
 
 
+FARTHEST_M = 1e3
+"""No pose of a rig is farther from its base [m]."""
+
+
 @njit(cache=True)
 def _read_pose(pose: FloatArray, rotation: FloatArray) -> bool:
     """Fill rotation (3, 3) of a pose (7,); return whether it is finite, with a unit quaternion."""
     for k in range(7):
-        if not np.isfinite(pose[k]):
+        if not abs(pose[k]) <= FARTHEST_M:
             return False
     x, y, z, w = pose[3:]
     length = np.sqrt(x * x + y * y + z * z + w * w)
@@ -67,7 +71,8 @@ def read_pose(pose: FloatArray) -> tuple[FloatArray, FloatArray] | None:
 
     Returns:
         (3,) position and (3, 3) rotation, from the moved frame's axes to the fixed frame's; None
-        if the pose is not finite, or its quaternion is not of length one.
+        if the pose is not finite, or farther than FARTHEST_M, or its quaternion is not of
+        length one.
     """
     # A copy: read-only arrays, as of a message's bytes, would need other compiled code.
     own, rotation = np.array(pose, dtype=np.float64), np.empty((3, 3))

@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 SECOND_NS = 1_000_000_000
 HEADER_STAMP = "header.stamp"
+LAST_S = 2**31 - 1
+"""Largest number of seconds that a stamp holds."""
 STAMP = Struct("<iI")
 _BIG_ENDIAN_STAMP = Struct(">iI")
 STAMP_AT = 4
@@ -24,13 +26,14 @@ def time_ns(stamp: Any) -> int:
 
 
 def set_time(stamp: Any, value_ns: int) -> None:
-    """Write a time [ns] into a builtin_interfaces Time or Duration.
+    """Write a time [ns] into a builtin_interfaces Time or Duration; the last one, if it is later.
 
     Args:
         stamp: message that is filled.
         value_ns: time [ns].
     """
-    stamp.sec, stamp.nanosec = divmod(value_ns, SECOND_NS)
+    seconds, stamp.nanosec = divmod(value_ns, SECOND_NS)
+    stamp.sec = max(min(seconds, LAST_S), -LAST_S - 1)
 
 
 def column_ns(columns: Mapping[str, Any], prefix: str = HEADER_STAMP) -> npt.NDArray[np.int64]:

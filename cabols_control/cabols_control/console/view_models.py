@@ -312,9 +312,13 @@ def campaign_view(
     }
 
 
+LONGEST_S = 1e9
+"""A longer time is none."""
+
+
 def duration_text(seconds: float) -> str:
     """Return the time left in words."""
-    if not math.isfinite(seconds):
+    if not abs(seconds) <= LONGEST_S:
         return "time left unknown"
     if seconds < 120.0:
         return f"{seconds:.0f} s left"

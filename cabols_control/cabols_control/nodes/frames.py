@@ -28,9 +28,12 @@ from cabols_control.ros.reader import Reader
 from cabols_control.ros.ticking_node import TickingNode
 from cabols_control.rotations import read_pose
 from cabols_control.stamps import set_time, time_ns
+from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.topics import FOREIGN
 
 PERIOD_S = 0.04
+FARTHEST = 1e3
+"""No position of a joint is larger [m], [rad]."""
 
 
 class FramesNode(TickingNode):
@@ -66,6 +69,7 @@ class FramesNode(TickingNode):
         if not robot:
             links = [link for link in links if link.child != geometry.platform_frame]
         self._moving = [link for link in links if link.moves]
+        self._refused: Fault | None = None
         self._platform = "" if robot else geometry.platform_frame
         self._joints = Reader(self, live_name("joint_states"))
         self._poses = Reader(self, live_name("platform_pose"))
@@ -104,13 +108,20 @@ class FramesNode(TickingNode):
         found = [*self._robot_frames(), *self._platform_frames()]
         if found:
             self._tf.publish(self._kind(transforms=found))
-        self.status.cycle(time.time_ns(), RUNNING if found else WAITING)
+        self.status.cycle(time.time_ns(), RUNNING if found else WAITING, self._refused)
+
+    def _refuse(self, expected: str) -> None:
+        """Draw nothing by a message; the frames that were published grow old."""
+        self._refused = Fault(FaultName.MESSAGE, f"expected {expected}; it is not used")
 
     def _robot_frames(self) -> Iterable[TransformStamped]:
         for message in self._joints.take()[-1:]:
             at = dict(zip(message.name, message.position, strict=False))
-            if not np.isfinite([*at.values()]).all():
+            usable = len(message.name) == len(message.position)
+            if not (usable and all(abs(value) <= FARTHEST for value in at.values())):
+                self._refuse("joint_states with a finite position for each name")
                 return
+            self._refused = None
             for link in self._moving:
                 yield self._transform(
                     link.parent,
@@ -126,7 +137,10 @@ class FramesNode(TickingNode):
             p, q = message.pose.position, message.pose.orientation
             pose = read_pose(np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w]))
             if pose is None:
+                self._refuse("platform_pose with finite numbers and a quaternion of length one")
                 return
+            self._refused = None
+            position, rotation = pose
             base = self.rig.geometry.base_frame
             yield self._transform(base, self._platform, time_ns(message.header.stamp), *pose)
 

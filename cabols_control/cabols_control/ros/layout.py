@@ -24,7 +24,7 @@ from cabols_control.cdr import (
     Places,
     record_type,
 )
-from cabols_control.stamps import HEADER_STAMP, SECOND_NS, STAMP
+from cabols_control.stamps import HEADER_STAMP, LAST_S, SECOND_NS, STAMP
 
 _ARRAY = re.compile(r"(?:sequence<)?([\w/]+)(?:>|\[(\d+)\])")
 
@@ -220,8 +220,8 @@ class Record:
         return self._views[name]
 
     def stamp(self, time_ns: int, prefix: str = HEADER_STAMP) -> None:
-        """Write a time."""
-        self._views[prefix + ".sec"][0] = time_ns // SECOND_NS
+        """Write a time; the last one that a stamp holds, if it is later."""
+        self._views[prefix + ".sec"][0] = min(time_ns // SECOND_NS, LAST_S)
         self._views[prefix + ".nanosec"][0] = time_ns % SECOND_NS
 
     def raw(self) -> bytes:

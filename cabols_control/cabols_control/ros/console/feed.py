@@ -28,7 +28,7 @@ from cabols_control.console.view_models import (
     numbers,
 )
 from cabols_control.frames import load_wrench_frames
-from cabols_control.naming import reflector_name
+from cabols_control.naming import reflector_name, told
 from cabols_control.rig import Rig
 from cabols_control.rig_folder import RigFolder
 from cabols_control.ros import topics
@@ -45,10 +45,14 @@ from cabols_control.supervision.senders import make_room
 
 STALE_S = 0.5
 """Longest age of a value that is shown [s]."""
+NAME_SIZE, PATH_SIZE = 100, 4096
+"""Of names and paths this much is kept [characters]."""
 STATE_EVERY = 10
 """Frames between two updates of the loops' health: half a second."""
 LEVELS = {DiagnosticStatus.OK: 1, DiagnosticStatus.WARN: 0, DiagnosticStatus.ERROR: 2}
 """Level on /diagnostics to state of LoopStatus."""
+MOST_JOINTS = 64
+"""Of more joints none is shown."""
 LOUD = 30
 """Level of a warning on rosout; lower ones stay in the nodes' own logs."""
 
@@ -107,7 +111,7 @@ class Feed:
         for source in (*self.frame_inputs(), self._program, self._told):
             source.take()
         for message in self._joints.take():
-            self._joint_values = (time.monotonic(), list(message.position))
+            self._joint_values = (time.monotonic(), list(message.position[:MOST_JOINTS]))
         self._hear_modes()
         for message in self._status.take():
             self._hear_status(message)
@@ -147,7 +151,7 @@ class Feed:
             # A preview's reference runs ahead of what was asked for.
             asked = self._program.record["command"] if runs else record["desired"]
             frame["d"] = numbers(asked, 3)
-        if fresh(self._pose):
+        if fresh(self._pose) and read_pose(self._pose.record["pose"]) is not None:
             frame["P"] = numbers(self._pose.record["pose"], 5)
         heard_s, values = self._joint_values
         if values and time.monotonic() - heard_s <= STALE_S:
@@ -184,7 +188,7 @@ class Feed:
             entry = Entry(
                 mode,
                 Cause(message.cause),
-                str(message.reason),
+                told(message.reason),
                 fault_name(message.fault, mode == OperatingMode.FAULT),
                 int(message.zeroing),
             )
@@ -198,11 +202,11 @@ class Feed:
             self._tell_mode()
 
     def _hear_status(self, message: LoopStatus) -> None:
-        now_s = time.monotonic()
+        now_s, name = time.monotonic(), told(message.node, NAME_SIZE)
         report = LoopReport(
-            node=message.node,
+            node=name,
             state=int(message.state),
-            reason=str(message.reason),
+            reason=told(message.reason),
             cycles=int(message.cycles),
             lost=int(message.lost),
             late=int(message.late),
@@ -213,15 +217,15 @@ class Feed:
             heard_s=now_s,
             fault=fault_name(message.fault, message.state == LoopStatus.FAULT),
         )
-        before = self._reports.get(message.node)
+        before = self._reports.get(name)
         changed = before is None or before.health != report.health
         if changed and report.fault is not None:
             level = FAULT if report.state == LoopStatus.FAULT else WARNING
-            self._latest.tell(level, message.node, report.reason)
+            self._latest.tell(level, name, report.reason)
         elif changed and before is not None and before.fault is not None:
-            self._latest.tell(INFO, message.node, "cleared")
-        make_room(self._reports, message.node)
-        self._reports[message.node] = report.after(before)
+            self._latest.tell(INFO, name, "cleared")
+        make_room(self._reports, name)
+        self._reports[name] = report.after(before)
 
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
         """Every node's sign of life; loop_status has the numbers."""
@@ -229,6 +233,7 @@ class Feed:
         for status in message.status:
             owner, _, task = status.name.partition(": ")
             space, _, node = owner.rpartition("/")
+            node = told(node, NAME_SIZE)
             if space != self._namespace or not (node and task):
                 continue  # of another rig, or of no rig
             known = self._reports.get(node)
@@ -242,7 +247,7 @@ class Feed:
     def _hear_rare(self) -> None:
         for message in self._measured.take():
             self._beam = Measured(
-                int(message.reflector), bool(message.success), message.reason, message.rms
+                int(message.reflector), bool(message.success), told(message.reason), message.rms
             )
             name = reflector_name(message.reflector)
             if message.success:
@@ -250,7 +255,7 @@ class Feed:
                 text = f"{name} at {p.x:.5f}, {p.y:.5f}, {p.z:.5f} m in the tracker's frame"
                 self._latest.tell(NOTICE, "tracker", text)
             else:
-                self._latest.tell(WARNING, "tracker", f"{name}: {message.reason}")
+                self._latest.tell(WARNING, "tracker", f"{name}: {told(message.reason)}")
         for message in self._estimates.take():
             self._latest.put_state(
                 estimate=estimate_rows(
@@ -264,12 +269,13 @@ class Feed:
         for message in self._campaigns.take():
             self._latest.put_state(campaign=_campaign(message))
         for message in self._recordings.take():
-            self._latest.put_state(recording=message.data)
+            self._latest.put_state(recording=told(message.data, PATH_SIZE))
         for message in self._spoken.take():
             loud = message.level >= LOUD and message.name.startswith(self._loggers)
             if loud and not message.name.endswith(self._own):
                 level = FAULT if message.level > LOUD else WARNING
-                self._latest.tell(level, message.name.rpartition(".")[2], message.msg)
+                name = told(message.name.rpartition(".")[2], NAME_SIZE)
+                self._latest.tell(level, name, told(message.msg))
 
     def _tell_mode(self) -> None:
         """Tell the mode, and what load remains where nothing moves: also of a silent bridge."""
@@ -300,11 +306,11 @@ def _campaign(message: CampaignStatus) -> dict[str, Any]:
     return campaign_view(
         bool(message.active),
         bool(message.paused),
-        str(message.phase),
+        told(message.phase),
         (int(message.done), int(message.skipped), int(message.total)),
         (int(message.configuration), int(message.reflector), int(message.load)),
         float(message.remaining),
-        str(message.note),
+        told(message.note),
     )
 
 
