@@ -27,6 +27,8 @@ REPEAT_S = 0.05
 """Period of a stop's repetitions [s]."""
 GIVE_UP_S = 10.0
 """A stop is repeated no longer than this [s]."""
+ALONE_S = 0.2
+"""Where nobody has acknowledged a stop by then, the supervisor's service is asked, too [s]."""
 LINGER_S = 1.0
 """After the first acknowledgement it is repeated so long, for nodes that are just starting [s]."""
 PRESSED = "emergency stop"

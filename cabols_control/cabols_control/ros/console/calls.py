@@ -17,7 +17,7 @@ from cabols_control.console.latest import NOTICE, WARNING, LatestValues
 from cabols_control.result_code import REFUSALS
 from cabols_control.ros.rig_client.calls import ACTIONS, ONCE, SERVICES, RigCalls
 from cabols_control.ros.rig_client.running_action import JUDGED
-from cabols_control.ros.stops import StopSender
+from cabols_control.ros.stops import ALONE_S, StopSender
 from cabols_control.supervision.supervisor import SupervisionConfig
 
 BRIDGES = SupervisionConfig.bridges
@@ -72,18 +72,29 @@ class Calls:
         return await self._ask(service, fields)
 
     async def _stop(self, stops: StopSender) -> Answer:
-        """Press the stop on its topic and ask the service at once: whichever comes first counts."""
+        """Press the stop on its topic; ask the service where nobody acknowledges at once.
+
+        A request beside an acknowledged press could reach a supervisor after the press's reset, and
+        has no number by which it would know the two as one.
+        """
         number = stops.press("the console")
-        asking = asyncio.ensure_future(self._ask(STOP, {}))
         loop = asyncio.get_running_loop()
-        give_up = loop.time() + ANSWER_S + MATCH_S
-        while not asking.done() and loop.time() < give_up:
-            if STOPPERS & set(stops.acknowledged(number)):
-                break
+
+        def stopped() -> bool:
+            return bool(STOPPERS & set(stops.acknowledged(number)))
+
+        alone, give_up = loop.time() + ALONE_S, loop.time() + ANSWER_S + MATCH_S
+        while not stopped() and loop.time() < alone:
             await asyncio.sleep(LOOK_AGAIN_S)
+        answer = Answer(False, "the supervisor is silent")
+        if not stopped():
+            asking = asyncio.ensure_future(self._ask(STOP, {}))
+            while not (asking.done() or stopped()) and loop.time() < give_up:
+                await asyncio.sleep(LOOK_AGAIN_S)
+            if asking.done():
+                answer = asking.result()
+            asking.cancel()
         await asyncio.sleep(LOOK_AGAIN_S)
-        answer = asking.result() if asking.done() else Answer(False, "the supervisor is silent")
-        asking.add_done_callback(lambda _: None)
         nodes = stops.acknowledged(number)
         loop.call_later(TOLD_AFTER_S, lambda: self._tell_of_stop(stops.acknowledged(number)))
         if not STOPPERS & set(nodes):

@@ -22,6 +22,7 @@ from cabols_control.ros.rig_client.errors import (
     RigTimeoutError,
 )
 from cabols_control.ros.rig_client.running_action import JUDGED, RunningAction, refusal
+from cabols_control.ros.stops import ALONE_S
 from cabols_control.supervision.modes import MOVING, OperatingMode
 
 NODES = ("supervisor", "limb_controller", "wrench_controller")
@@ -331,7 +332,8 @@ class RigClient(RigConnection):
     def emergency_stop(self, timeout_s: float = ANSWER_S) -> None:
         """Cut all currents, stop the robot and latch FAULT.
 
-        Sent on the topic `stop` until it is acknowledged, and asked of the supervisor besides.
+        Sent on the topic `stop` until it is acknowledged; where nobody does so at once, asked of
+        the supervisor besides.
 
         Raises:
             RigError: if no bridge has acknowledged it, and the supervisor does not answer, or
@@ -339,11 +341,20 @@ class RigClient(RigConnection):
         """
         number = self.stops.press(self.node.get_name())
         give_up = time.monotonic() + timeout_s
+
+        def stopped() -> bool:
+            return bool(set(self.stops.acknowledged(number)) & {*BRIDGES, "supervisor"})
+
+        alone = time.monotonic() + ALONE_S
+        while time.monotonic() < alone:
+            if stopped():
+                return
+            time.sleep(self._poll_s)
         while (left := give_up - time.monotonic()) > ASK_AGAIN_S:
             with suppress(RigTimeoutError):
                 self.ask("emergency_stop", min(ASK_AGAIN_S, left))
                 return
-            if set(self.stops.acknowledged(number)) & {*BRIDGES, "supervisor"}:
+            if stopped():
                 return
         self.ask("emergency_stop", max(left, 0.0))
 
