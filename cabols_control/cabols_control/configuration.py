@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import AfterValidator, ValidationError
 
 from cabols_control.errors import ConfigError
+from cabols_control.files.given_file import read_given
 from cabols_control.files.strict_yaml import Document, parse, shown
 
 T = TypeVar("T")
@@ -78,8 +79,8 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
 
 def _read(path: str | Path) -> Document:
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_given(path)
+    except (OSError, UnicodeDecodeError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read ({error})") from error
     try:
         document = parse(text)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files that survive a crash, folders that are ours, YAML and numbers that mean what they say."""
+"""Files that survive a crash, that never end, folders that are ours, YAML and plain numbers."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
+from cabols_control.files.given_file import read_given
 from cabols_control.files.plain_numbers import plain_number
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -156,7 +157,7 @@ def read_csv(path: str | Path) -> LoadProgram:
     source = Path(path)
     try:
         # Spreadsheets begin their UTF-8 by a byte order mark.
-        text = source.read_text(encoding="utf-8-sig")
+        text = read_given(source, "utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(f"{source}: expected UTF-8; save it as CSV UTF-8 ({error})") from error
     except OSError as error:

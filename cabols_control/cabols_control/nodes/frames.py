@@ -140,7 +140,6 @@ class FramesNode(TickingNode):
                 self._refuse("platform_pose with finite numbers and a quaternion of length one")
                 return
             self._refused = None
-            position, rotation = pose
             base = self.rig.geometry.base_frame
             yield self._transform(base, self._platform, time_ns(message.header.stamp), *pose)
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
+from cabols_control.files.given_file import read_given
 from cabols_control.files.plain_numbers import plain_number
 from cabols_control.naming import number
 from cabols_hw.abb.configurations import RobotConfigurations
@@ -64,8 +66,8 @@ def read_path(path: Path) -> FloatArray:
         ConfigError: naming the file, the line, what was expected and what came.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file, strict=True) if row]
+        lines = io.StringIO(read_given(path, "utf-8-sig"), newline="")
+        rows = [row for row in csv.reader(lines, strict=True) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: expected a CSV file of a path, got {error}") from error
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:

@@ -16,6 +16,7 @@ from pydantic.dataclasses import dataclass
 from cabols_control.checks import FloatArray, finite_array, in_range
 from cabols_control.configuration import STRICT, load_config, read_yaml
 from cabols_control.errors import ConfigError
+from cabols_control.files.given_file import read_given
 from cabols_control.frames import FRAMES, load_frames
 from cabols_control.rig_folder import RigFolder, find_rig, rig_file
 from cabols_stiffness.measurements.measuring_rig import MeasuringRig
@@ -260,7 +261,7 @@ def plan_text(path: str | Path = "", rig: str | Path | RigFolder = "") -> str:
     folder = find_rig(rig)
     file = rig_file(PLAN, path, folder)
     content = read_yaml(file)
-    text = file.read_text(encoding="utf-8")
+    text = read_given(file)
     if "rig" in content:
         return text
     described = _described(folder)
