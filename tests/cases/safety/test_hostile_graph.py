@@ -65,7 +65,7 @@ def test_nothing_that_anybody_publishes_ends_a_node():
         running(watcher, heard)
 
     values = {"robot": True, "console": True, "pose_estimator": True, "speed": 0.4}
-    values |= {"watchdog": 0.2, "command_timeout": 0.2, "stale_after": 0.5, "robot_watch": 0.5}
+    values |= {"watchdog": 0.1, "command_timeout": 0.1, "stale_after": 0.5, "robot_watch": 0.5}
     ended, lines, _ = run_scenario(values, scenario, ("mode", "limb_state", "loop_status"))
     assert ended.first == "", "\n".join(lines[-30:])
     assert len(sent) > 2000
