@@ -111,13 +111,13 @@ def serve(channel: socket.socket) -> Request | None:
 
 def become(request: Request, descriptors: list[int], channel: socket.socket) -> None:
     """Make this process what was asked for, and tell its id, or why it cannot be."""
+    answer = socket.socket(fileno=fcntl.fcntl(channel, fcntl.F_DUPFD_CLOEXEC, ABOVE_TARGETS))
     try:
         give_up = time.monotonic() + ADOPTION_S
         while os.getppid() != request.parent:
             if time.monotonic() > give_up:
                 raise RuntimeError(f"still a child of {os.getppid()}")
             time.sleep(0.0005)
-        answer = socket.socket(fileno=fcntl.fcntl(channel, fcntl.F_DUPFD_CLOEXEC, ABOVE_TARGETS))
         take_descriptors(request.targets, descriptors, answer.fileno())
         take_signals(request)
         os.sched_setaffinity(0, request.cores)
@@ -134,7 +134,7 @@ def become(request: Request, descriptors: list[int], channel: socket.socket) -> 
             pickle.loads(request.prepare)()
     except BaseException as error:
         with suppress(OSError):
-            channel.send(pickle.dumps((0, repr(error))))
+            answer.send(pickle.dumps((0, repr(error))))
         os._exit(255)
     answer.send(pickle.dumps((os.getpid(), "")))
     answer.close()
@@ -145,7 +145,7 @@ def take_descriptors(targets: list[int], descriptors: list[int], kept: int) -> N
     above = [fcntl.fcntl(each, fcntl.F_DUPFD, ABOVE_TARGETS) for each in descriptors]
     for source, target in zip(above, targets, strict=True):
         os.dup2(source, target)
-    for number in map(int, os.listdir("/proc/self/fd")):
+    for number in map(int, os.listdir("/proc/self/fd")):  # noqa: PTH208
         if number not in (*targets, kept):
             with suppress(OSError):
                 os.close(number)
@@ -165,10 +165,11 @@ def take_signals(request: Request) -> None:
 
 def run(words: list[str]) -> None:
     """Run the command in this process, as the interpreter would have."""
-    for stream in (sys.stdout, sys.stderr):
-        unbuffered = bool(os.environ.get("PYTHONUNBUFFERED"))
-        tty = stream is sys.stderr or stream.isatty()
-        stream.reconfigure(line_buffering=tty or unbuffered, write_through=unbuffered)
+    # All else about the streams is said by variables that the server was started with.
+    if sys.stdout.isatty() and not os.environ.get("PYTHONUNBUFFERED"):
+        sys.stdout.reconfigure(line_buffering=True)
+    given = [each for each in os.environ.get("PYTHONPATH", "").split(os.pathsep) if each]
+    sys.path[1:] = [*given, *(each for each in sys.path[1:] if each not in given)]
     if words[0] != sys.executable:
         sys.argv = words
         sys.path[0] = str(Path(words[0]).resolve().parent)
@@ -176,7 +177,7 @@ def run(words: list[str]) -> None:
         return
     module = words[2]
     sys.argv = words[2:]
-    sys.path[0] = os.getcwd()
+    sys.path[0] = str(Path.cwd())
     # It was imported, and is not yet where -m runs it.
     sys.modules.pop(module, None)
     runpy.run_module(module, run_name="__main__", alter_sys=True)
@@ -184,7 +185,7 @@ def run(words: list[str]) -> None:
 
 def threads() -> int:
     """Threads of this process."""
-    return len(os.listdir("/proc/self/task"))
+    return sum(1 for _ in Path("/proc/self/task").iterdir())
 
 
 def main() -> Any:

@@ -30,7 +30,18 @@ from fork_server import MOST_BYTES, SET_BY_PYTHON, Request
 
 SERVER = Path(__file__).with_name("fork_server.py")
 PACKAGES = ("cabols_control", "cabols_hw", "cabols_sim", "cabols_stiffness")
-READ_AT_START = ("PYTHON", "LD_", "LC_", "LANG", "NUMBA_", "OPENBLAS_", "OMP_", "MKL_", "RMW_")
+READ_AT_START = (
+    "PYTHON",
+    "LD_",
+    "LC_",
+    "LANG",
+    "NUMBA_",
+    "OPENBLAS_",
+    "OMP_",
+    "MKL_",
+    "RMW_",
+    "_ROS_W",
+)
 """Beginnings of the names of variables that a running process does not read again."""
 PR_SET_CHILD_SUBREAPER = 36
 _ORDINARY = subprocess.Popen
@@ -91,6 +102,17 @@ def read_at_start(environment: Mapping[str, str]) -> dict[str, str]:
     return {name: value for name, value in environment.items() if name.startswith(READ_AT_START)}
 
 
+def differ(environment: Mapping[str, str], other: Mapping[str, str]) -> bool:
+    """Whether processes with these variables differ in what they read when they start.
+
+    PYTHONPATH counts only where it leads to modules that this process does not see.
+    """
+    ours, theirs = read_at_start(environment), read_at_start(other)
+    path = ours.pop("PYTHONPATH", "").split(os.pathsep)
+    theirs.pop("PYTHONPATH", None)
+    return ours != theirs or not {each for each in path if each} <= {*sys.path, str(Path.cwd())}
+
+
 def is_python_of_ours(words: Sequence[str]) -> bool:
     """Whether a command is one of this project's executables, or `python -m` of a module."""
     if words[0] == sys.executable:
@@ -135,7 +157,7 @@ def _request(asked: dict[str, Any]) -> Request | None:
         return None
     given = os.environ if asked["env"] is None else asked["env"]
     environment = {os.fsdecode(name): os.fsdecode(value) for name, value in given.items()}
-    if read_at_start(environment) != read_at_start(server().environment):
+    if differ(environment, server().environment):
         return None
     try:
         prepare = pickle.dumps(asked["preexec_fn"]) if asked["preexec_fn"] else b""
@@ -147,7 +169,7 @@ def _request(asked: dict[str, Any]) -> Request | None:
         words,
         environment,
         [0, 1, 2, *sorted(map(int, asked["pass_fds"]))],
-        os.fspath(asked["cwd"] or os.getcwd()),
+        os.fspath(asked["cwd"] or Path.cwd()),
         os.getpid(),
         frozenset(os.sched_getaffinity(0)),
         frozenset(signal.pthread_sigmask(signal.SIG_BLOCK, ())),
@@ -161,7 +183,7 @@ def _request(asked: dict[str, Any]) -> Request | None:
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Fork what a test of nodes starts, its fixtures too, unless it is about starts or real time."""
+    """Fork what a test of nodes starts, unless it is about starts or real time."""
     ordinary = any(item.get_closest_marker(name) for name in ("ordinary_start", "realtime"))
     if ordinary or not item.get_closest_marker("ros"):
         yield

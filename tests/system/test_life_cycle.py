@@ -13,7 +13,7 @@ from cabols_msgs.msg import Mode
 from cabols_sim.bench.run import forgiving
 from graph_harness import run_scenario
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ros, pytest.mark.ordinary_start, pytest.mark.timeout(240)]
 
 LOADED = {"auto_start": True, "program": "ramps", "speed": 0.2, **forgiving(0.2)}
 """Who ends, and how, is judged: a computer that stalls is not the subject here."""

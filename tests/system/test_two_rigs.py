@@ -18,7 +18,7 @@ from cabols_control.bags.reader import read_bag
 from cabols_sim.bench.run import forgiving
 from graph_harness import next_environment, run_scenario
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.ros, pytest.mark.ordinary_start, pytest.mark.timeout(600)]
 
 STEPS = 2400
 """Samples of the lockstep runs: of the programme the first step and what follows it."""
