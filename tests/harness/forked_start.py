@@ -183,9 +183,8 @@ def _request(asked: dict[str, Any]) -> Request | None:
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Fork what a test of nodes starts, unless it is about starts or real time."""
-    ordinary = any(item.get_closest_marker(name) for name in ("ordinary_start", "realtime"))
-    if ordinary or not item.get_closest_marker("ros"):
+    """Fork what a test of nodes starts, its fixtures too, unless its starts must be ordinary."""
+    if item.get_closest_marker("ordinary_start") or not item.get_closest_marker("ros"):
         yield
         return
     with forked_starts():

@@ -268,6 +268,7 @@ def test_a_busy_program_is_named():
 
 
 @pytest.mark.ros
+@pytest.mark.ordinary_start
 @pytest.mark.realtime
 @pytest.mark.timeout(420)
 def test_a_millisecond_in_the_limb_law_turns_the_demo_red(tmp_path):

@@ -15,7 +15,7 @@ from cabols_control.bags.reader import read_bag
 from cabols_control.bringup.processes import executable_path
 from graph_harness import next_environment
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.ros, pytest.mark.ordinary_start, pytest.mark.timeout(240)]
 
 
 # Slow motion: a stall of a busy machine must not trip the rig's watchdogs.

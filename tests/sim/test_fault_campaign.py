@@ -140,6 +140,7 @@ def test_crossed_kinds_are_judged_by_time_but_where_a_motor_coasts_or_a_robot_br
 
 
 @pytest.mark.ros
+@pytest.mark.ordinary_start
 @pytest.mark.slow
 @pytest.mark.realtime
 @pytest.mark.timeout(240)
