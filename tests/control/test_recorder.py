@@ -169,7 +169,7 @@ def wait_for(condition, process=None):
 def end(process, number=signal.SIGINT):
     """Signal, and return output and seconds until the end, less those of the machine's stalls."""
     time.sleep(0.1)  # what was just published travels through the middleware
-    with Stalls() as stalls:
+    with Stalls(process.pid) as stalls:
         started = time.monotonic()
         process.send_signal(number)
         output, errors = process.communicate(timeout=PATIENCE_S)

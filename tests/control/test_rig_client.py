@@ -182,8 +182,9 @@ def later(action):
 
 
 def test_a_service_that_starts_late_is_called_nevertheless(fake, client):
-    later(fake.serve)
+    serving = later(fake.serve)
     client.enter(OperatingMode.FREE_MOVING)
+    serving.join()
     assert client.mode == OperatingMode.FREE_MOVING
     assert fake.asked == [OperatingMode.FREE_MOVING]
 
