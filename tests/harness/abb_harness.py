@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
 from contextlib import contextmanager
@@ -11,12 +10,14 @@ from contextlib import contextmanager
 import numpy as np
 
 from cabols_hw.abb.configurations import load_configurations
+from cabols_sim.bench.run import ports_of
 from cabols_sim.devices.abb.controller import AbbController
 from cabols_sim.devices.link import DeviceLink, PlantLink
 from cabols_sim.devices.robot.coupling import RobotCoupling
 from cabols_sim.devices.robot.robot_config import RobotConfig
 from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_sim.devices.ur.controller import UrController
+from dds_domains import next_domain
 
 STIFFNESS = [966398.0, 731208.0, 317900.0, 13277.0, 7744.0, 2141.0]
 QUICK = RobotConfig(STIFFNESS, speed=0.25, joint_speed=3.0, joint_acceleration=50.0)
@@ -97,7 +98,8 @@ def running_ur_controller(wrench=None, silence_s=PATIENCE_S, **options):
 
 
 def quiet_port() -> int:
-    """A UDP port of loopback that was free just now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """A UDP port of loopback that no other process is given: in the range of one of our domains.
+
+    One that the kernel finds free is given to the next process that asks, before it is used.
+    """
+    return ports_of(next_domain()).egm

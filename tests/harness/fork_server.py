@@ -12,11 +12,13 @@ server, so that waiting, exit codes, signals and the kernel's word of a dead par
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import gc
 import importlib
 import os
 import pickle
+import re
 import runpy
 import signal
 import socket
@@ -87,6 +89,28 @@ class Request:
     prepare: bytes
 
 
+class Tracer:
+    """LTTng, which rcl brings: a fork lacks its threads until it is told of the fork.
+
+    What ends such a process cancels them, on stacks that may be unmapped (lttng-ust-fork(3)).
+    """
+
+    def __init__(self) -> None:
+        maps = Path("/proc/self/maps").read_text("utf-8").splitlines()
+        paths = {line.split()[-1] for line in maps if "/liblttng-ust" in line}
+        found = [path for path in paths if re.search(r"/liblttng-ust(-[0-9a-f]+)?\.so", path)]
+        self._library = ctypes.CDLL(found[0]) if found else None
+        self._signals = ctypes.create_string_buffer(128)
+
+    def tell(self, what: str) -> None:
+        """Call a function of its, under the name of either version; nothing if rcl has no LTTng."""
+        if self._library is None:
+            return
+        name = f"ust_{what}"
+        name = name if hasattr(self._library, name) else f"lttng_{name}"
+        getattr(self._library, name)(self._signals)
+
+
 def receive(channel: socket.socket) -> tuple[Request, list[int]] | None:
     """Wait for the next request and its descriptors; None: nobody is left who could ask."""
     data, descriptors, _, _ = socket.recv_fds(channel, MOST_BYTES, MOST_DESCRIPTORS)
@@ -95,14 +119,18 @@ def receive(channel: socket.socket) -> tuple[Request, list[int]] | None:
 
 def serve(channel: socket.socket) -> Request | None:
     """Fork a process for each request; it returns its request, the server None at the end."""
+    tracer = Tracer()
     while (found := receive(channel)) is not None:
         request, descriptors = found
+        tracer.tell("before_fork")
         between = os.fork()
         if between == 0:
             if os.fork() != 0:
                 os._exit(0)
+            tracer.tell("after_fork_child")
             become(request, descriptors, channel)
             return request
+        tracer.tell("after_fork_parent")
         for descriptor in descriptors:
             os.close(descriptor)
         os.waitpid(between, 0)
@@ -194,7 +222,7 @@ def main() -> Any:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     importlib.import_module("rclpy")
-    # LTTng's, which sleep until a tracing daemon comes; a forked process lacks them.
+    # The tracer's, which sleep until a daemon comes; a forked process gets its own.
     listeners = threads()
     for name in IMPORTED:
         importlib.import_module(name)

@@ -23,7 +23,7 @@ from forked_start import ForkedPopen, forked_starts
 
 MODULE = "cabols_sim_probe"
 PROBE = """
-import atexit, json, os, signal, stat, sys, threading
+import atexit, json, os, signal, stat, sys, threading, time
 
 def kind(number):
     mode = os.fstat(number).st_mode
@@ -61,6 +61,16 @@ elif way == "words":
     atexit.register(print, "at the end")
     print("without a flush")
     sys.exit("one last word")
+elif way == "threads":
+    import rclpy
+    started = [threading.Thread(target=time.sleep, args=(0.2,)) for _ in range(30)]
+    for each in started:
+        each.start()
+    for each in started:
+        each.join()
+    # One that has been joined lives on in the kernel for a moment.
+    counts = [len(os.listdir("/proc/self/task")) for _ in range(60) if not time.sleep(0.01)]
+    print(min(counts))
 elif way == "code":
     sys.exit(3)
 elif way == "error":
@@ -69,7 +79,8 @@ elif way == "killed":
     os.kill(os.getpid(), signal.SIGKILL)
 elif way == "interrupted":
     print("ready", flush=True)
-    signal.pause()
+    while True:
+        time.sleep(0.1)
 """
 
 
@@ -175,7 +186,8 @@ def test_what_gets_lost_on_the_way_is_seen(folder, monkeypatch, lost):
 
 
 @pytest.mark.parametrize(
-    ("way", "code"), [("words", 1), ("code", 3), ("error", 1), ("killed", -signal.SIGKILL)]
+    ("way", "code"),
+    [("words", 1), ("threads", 0), ("code", 3), ("error", 1), ("killed", -signal.SIGKILL)],
 )
 def test_it_ends_as_an_ordinary_process(folder, way, code):
     ordinary = started(subprocess.Popen, folder, way)
