@@ -154,7 +154,7 @@ def test_address_that_is_set_is_the_only_one():
 
 
 def test_session_from_another_port_goes_on_at_once():
-    reader = EgmReader(0)
+    reader = EgmReader(0, max_age_s=60.0)
     with udp() as one, udp() as other:
         for k in range(100):
             one.sendto(numbered(k), ("127.0.0.1", reader.port))
