@@ -62,7 +62,7 @@ def test_nothing_else_moves_before_the_check_has_passed(tmp_path, monkeypatch):
 
     def passes(watcher):
         """Whether the check passes; what a stalled computer ends is begun again."""
-        for _ in range(5):
+        for _ in range(20):
             if check(watcher) == 0:
                 return True
             if watcher.seen["mode"][-1].fault not in STALLED:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 import yaml
 from cabols_msgs.srv import SetMode
@@ -24,6 +26,11 @@ def test_nothing_moves_a_platform_that_nothing_holds(tmp_path):
     def asked(watcher, mode):
         return watcher.call(SetMode, "set_mode", SetMode.Request(mode=int(mode)))
 
+    def is_judged(watcher, mode):
+        answers[mode] = asked(watcher, mode)
+        assert not answers[mode].success
+        return answers[mode].code != ResultCode.NOT_READY
+
     def scenario(watcher, pids):
         del pids
         watcher.wait(
@@ -31,7 +38,7 @@ def test_nothing_moves_a_platform_that_nothing_holds(tmp_path):
             "the bridge's notice",
         )
         for mode in MOVING:
-            answers[mode] = asked(watcher, mode)
+            watcher.wait(partial(is_judged, watcher, mode), "the supervisor to hear all nodes")
         answers[OperatingMode.STOPPED] = asked(watcher, OperatingMode.STOPPED)
 
     # It asks for a load by itself, as far as it may.
