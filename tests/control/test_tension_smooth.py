@@ -15,6 +15,7 @@ from cabols_control.tension import (
     TensionResolver,
     distribute,
 )
+from tension_cases import random_rig
 
 BENCH = load_geometry()
 WEIGHTS = np.array(DEFAULT_WEIGHTS)
@@ -97,3 +98,22 @@ def test_one_by_one_and_in_batches_are_the_same():
         np.testing.assert_allclose(
             distribute(at, wrench, LOW, HIGH).tension, one.tension, atol=1e-9
         )
+
+
+@pytest.mark.parametrize(("seed", "cables", "which"), [(7819, 12, 1), (10332, 9, 2)])
+def test_what_does_not_settle_is_never_worse_than_the_exact_answer(seed, cables, which):
+    """Torques in N mm beside the weights for N m: the penalty's equations are badly scaled."""
+    rng = np.random.default_rng(seed)
+    matrix = random_rig(rng, cables)
+    matrix[3:] *= 1000.0
+    for _ in range(which + 1):
+        wrench = matrix @ rng.uniform(0.0, 100.0, cables) * rng.choice([1.0, 3.0])
+    most = 100.0
+
+    def penalty_of(found):
+        missed = np.linalg.norm(WEIGHTS * found.residual)
+        return 0.5 * found.tension @ found.tension + 100.0 * most * missed
+
+    found = distribute(matrix, wrench, 0.0, most)
+    exact = distribute(matrix, wrench, 0.0, most, exact=True)
+    assert penalty_of(found) <= penalty_of(exact) * (1.0 + 1e-9)

@@ -50,7 +50,10 @@ JOINT_STEPS = 12
 OUTER_STEPS, INNER_STEPS, MOST_STEPS = 25, 60, 360
 """Of the slower method; no further outer step begins after MOST_STEPS inner ones in all."""
 SETTLED = 1e-12
-"""Times the largest limit and wrench: equations missed by less are solved."""
+"""Times the largest wrench, or what the largest limit can give: equations missed by less are
+solved."""
+_WORSE = 1e-9
+"""Share by which the penalty may grow before the tensions that were there are kept."""
 AT_LIMIT = 1e-9
 """Times the largest limit: a tension this near to a limit counts as on it."""
 _LEAST_PIVOT = 1e-15
@@ -299,7 +302,10 @@ def soften(
     largest = 0.0
     for k in range(6):
         largest = max(largest, abs(target[k]))
-    settled = SETTLED * (work[SCALE] + largest)
+    whole = 1.0
+    for k in range(6 * n):
+        whole = max(whole, abs(work[scaled + k]))
+    settled = SETTLED * (work[SCALE] * whole + largest)
     for i in range(n):
         work[saved + i] = tension[i]
     e, missed, start = 0.0, 0.0, at_vector(n, _START)
@@ -328,10 +334,19 @@ def soften(
         for i in range(n):
             tension[i] = work[saved + i]
         return
-    square = 0.0
+    square, before, after = 0.0, 0.0, 0.0
     for k in range(6):
         value = -target[k]
         for i in range(n):
             value += work[scaled + k * n + i] * tension[i]
         square += value * value
+    for i in range(n):
+        before += 0.5 * work[saved + i] * work[saved + i]
+        after += 0.5 * tension[i] * tension[i]
+    before, after = before + rho * missed, after + rho * math.sqrt(square)
+    # What did not settle is no answer if it is worse; written so that NaN is.
+    if not after <= before * (1.0 + _WORSE):
+        for i in range(n):
+            tension[i] = work[saved + i]
+        return
     work[LOSS] = max(math.sqrt(square) - missed, 0.0)
