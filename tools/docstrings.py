@@ -85,7 +85,7 @@ def main() -> None:
     found = undescribed(read_tree())
     if parser.parse_args().shrink:
         left = sorted(skipped() & set(found))
-        SKIPPED.write_text("\n".join(left) + "\n", encoding="utf-8")
+        SKIPPED.write_text("".join(f"{name}\n" for name in left), encoding="utf-8")
         print(f"{len(left)} functions are left in {SKIPPED.name}")
     else:
         for name, arguments in found.items():

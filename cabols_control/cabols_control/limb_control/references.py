@@ -101,7 +101,12 @@ def set_references(state: Any, task: Any, limbs: Any, dt_s: float) -> None:
 
 @njit(cache=True)
 def override_currents(limbs: Any, limit: float) -> None:
-    """Write zero, or a given current within +-limit [A], where the law does not control."""
+    """Write zero, or a given current, where the law does not control.
+
+    Args:
+        limbs: (m,) records of LIMB; `current` is set where the kind is REST or CURRENT.
+        limit: largest current either way [A].
+    """
     for place in range(limbs.shape[0]):
         limb = limbs[place]
         if limb["kind"] == ControlKind.REST:

@@ -75,7 +75,13 @@ def _move(
 
 @njit(cache=True)
 def write_answer(state: Any, work: Any, answer: Any) -> None:
-    """Write the limbs' currents into the answer to a limb state; arguments as `step_limbs`."""
+    """Write the limbs' currents into the answer to a limb state.
+
+    Args:
+        state: (1,) record of the LimbState; its stamp and sequence go into the answer.
+        work: (1,) record of limb_control_work for m limbs, after the step.
+        answer: (1,) record of a MotorCurrent of m limbs, filled.
+    """
     come, own, sent = state[0], work[0], answer[0]
     sent["header.stamp.sec"] = come["header.stamp.sec"]
     sent["header.stamp.nanosec"] = come["header.stamp.nanosec"]

@@ -30,8 +30,9 @@ from .kernels.centres import (
     least_on_segment,
     move,
 )
-from .kernels.dispatch import clip_and_subtract, solve_prepared
+from .kernels.dispatch import solve_prepared
 from .kernels.polygon import centroid, feasible_polygon, flat_ends, half_width, max_corners
+from .kernels.residual import clip_and_subtract
 from .kernels.static_size import EIGHT, compiled
 from .kernels.work_array import (
     CABLES,
@@ -78,6 +79,11 @@ those of nearest wrenches."""
 
 def check_method(cables: int, method: str, exponent: float = DEFAULT_EXPONENT) -> None:
     """Refuse a method that `choose_prepared` cannot give.
+
+    Args:
+        cables: number of cables n.
+        method: a key of CHOICES.
+        exponent: p of the p-norm, within EXPONENTS; checked for every method.
 
     Raises:
         CabolsError: if the method is unknown or made for fewer cables, or the exponent out of
@@ -214,10 +220,20 @@ def _keep_if_outside(work: FloatArray, n: int, saved: int, tension: FloatArray) 
 def choose_prepared(
     work: FloatArray, wrench: FloatArray, tension_out: FloatArray, residual_out: FloatArray
 ) -> int:
-    """Tensions for one wrench by the method in `work`; arguments and result as `solve_prepared`.
+    """Tensions for one wrench by the method in `work`.
 
     Without allocation; what it does beyond `solve_prepared` is bounded by 2 n clips of a polygon
     and 60 Newton steps.
+
+    Args:
+        work: (work_size(n),) work array that `set_method` and `prepare_pose` filled; its scratch is
+            overwritten.
+        wrench: (6,) force [N] then torque [N m] on the platform, base axes.
+        tension_out: (n,) filled, inside the limits [N].
+        residual_out: (6,) filled: A @ tension_out - wrench [N, N m].
+
+    Returns:
+        Status as `solve_prepared`.
     """
     status = solve_prepared(work, wrench, tension_out, residual_out)
     n, method = int(work[CABLES]), int(work[METHOD])

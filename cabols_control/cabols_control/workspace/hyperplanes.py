@@ -48,9 +48,15 @@ NOT_FINITE = 2
 def project_set(
     work: FloatArray, n: int, points: FloatArray, generators: FloatArray, products: FloatArray
 ) -> None:
-    """Fill products (n, q + p + n): rows of pinv(A) times the scaled set's vectors, and Gram.
+    """Products of the pseudo-inverse with the required set, and with itself.
 
-    The last n columns are pinv(A) pinv(A)^T: they give the length of a normal from its y.
+    Args:
+        work: work array of a pose that is ready.
+        n: number of cables.
+        points: (q, 6) of the required set, times the weights.
+        generators: (p, 6) of it, times the weights.
+        products: (n, q + p + n) filled: rows of pinv(A), weighted, times the set's vectors; then
+            pinv(A) pinv(A)^T, which gives the length of a normal from its y.
     """
     inverse, q, p = at_inverse(n), points.shape[0], generators.shape[0]
     products[:, :] = 0.0
@@ -248,11 +254,19 @@ def capacity_of_matrix(
     normals: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Result for any structure matrix (m, n): every normal is solved for.
+    """Result for any structure matrix: every normal is solved for.
 
     A matrix without rank m carries no set in all directions: margin -inf, the rest zero.
-    Arguments as `capacity_of_prepared`; `normals` is scratch for `facet_normals`, limits are (n,)
-    [N]; held (m,) is the constant part of the set, weighted.
+
+    Args:
+        matrix: (m, n), its rows times the weights.
+        low: (n,) lower limits [N].
+        high: (n,) upper limits [N].
+        held: (m,) constant part of the required set, weighted.
+        points: (q, m) of the set, weighted.
+        generators: (p, m) of it, weighted.
+        normals: (C(n, m - 1), m) scratch.
+        out: (RESULTS,) filled; see `capacity_at`.
     """
     m, n = matrix.shape
     start_result(out)

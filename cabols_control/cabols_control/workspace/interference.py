@@ -188,9 +188,19 @@ def advance(
     required: float,
     work: FloatArray,
 ) -> float:
-    """Angle up to which the clearance is certain while turning towards `limit` [rad].
+    """Angle up to which the clearance is certain while turning one way.
 
-    Arguments as `clearances_at`; work is (2 n + 3, 3). 0 if the clearance is missing at the start.
+    Args:
+        task: see InterferenceTask.
+        position: (3,) platform origin, base frame [m].
+        rotation: (3, 3) from platform to base axes, where the turn is zero.
+        axis: (3,) unit vector, platform frame, through the platform's origin.
+        limit: where the search ends; its sign is the way to turn [rad].
+        required: clearance to keep [m].
+        work: (2 n + 3, 3) scratch, see clearance_work.
+
+    Returns:
+        The angle, with the sign of `limit` [rad]; 0 if the clearance is missing at the start.
     """
     n = task.cables.shape[0]
     turned, out = work[2 * n : 2 * n + 3], np.empty(3)
@@ -217,7 +227,15 @@ def clearance_loop(
     work: FloatArray,
     results: FloatArray,
 ) -> None:
-    """Fill results (k, o, 3) for every position (k, 3) with every rotation (o, 3, 3)."""
+    """Clearances at every position with every rotation.
+
+    Args:
+        task: see InterferenceTask.
+        positions: (k, 3) platform origins, base frame [m].
+        rotations: (o, 3, 3) from platform to base axes.
+        work: (2 n + 3, 3) scratch, see clearance_work.
+        results: (k, o, 3) filled: CABLES, PLATFORM, TARGET [m].
+    """
     axis = np.array([0.0, 0.0, 1.0])
     for k in range(positions.shape[0]):
         for o in range(rotations.shape[0]):

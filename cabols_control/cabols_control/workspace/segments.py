@@ -15,25 +15,46 @@ SMALL = 1e-24
 
 @compiled
 def row(points: FloatArray, i: int) -> Point:
-    """Row i of (n, 3) points."""
+    """One of many points.
+
+    Args:
+        points: (n, 3) [m].
+        i: which, from 0.
+    """
     return points[i, 0], points[i, 1], points[i, 2]
 
 
 @compiled
 def minus(a: Point, b: Point) -> Point:
-    """Vector from b to a."""
+    """Vector from b to a.
+
+    Args:
+        a: where it ends [m].
+        b: where it begins [m].
+    """
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @compiled
 def dot(a: Point, b: Point) -> float:
-    """Scalar product."""
+    """Scalar product [m^2].
+
+    Args:
+        a: vector [m].
+        b: vector [m].
+    """
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
 def towards(a: Point, b: Point, share: float) -> Point:
-    """Point at a share of the way from a to b."""
+    """Point on the way from one point to another.
+
+    Args:
+        a: where the way begins [m].
+        b: where it ends [m].
+        share: of the way, 0 at a, 1 at b.
+    """
     return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])
 
 
@@ -44,10 +65,16 @@ def _clamp(value: float) -> float:
 
 @compiled
 def segment_distance(p: Point, q: Point, r: Point, s: Point) -> float:
-    """Least distance between the segments p-q and r-s [m]; exact, no iteration.
+    """Least distance between two segments [m]; exact, no iteration.
 
     The closest points of the two lines, clamped to the segments one after the other (Ericson,
     Real-Time Collision Detection, 2005, 5.1.9); parallel and point-like segments included.
+
+    Args:
+        p: one end of the first segment [m].
+        q: its other end [m].
+        r: one end of the second [m].
+        s: its other end [m].
     """
     d, e, w = minus(q, p), minus(s, r), minus(p, r)
     dd, ee, de = dot(d, d), dot(e, e), dot(d, e)

@@ -131,7 +131,18 @@ def advance_limbs(
     steps: int,
     tension: FloatArray,
 ) -> None:
-    """Advance all limbs by several integration steps; see limb_step."""
+    """Advance all limbs by several integration steps, platform and currents standing still.
+
+    Args:
+        limbs: (n,) records of LIMB_PARAMETERS.
+        state: (n,) records of LIMB_STATE; updated.
+        current: (n,) [A].
+        rest: (n,) length of slack cable at pulley position 0 [m].
+        length: (n,) distance between the cable's points [m].
+        dt_s: one step [s].
+        steps: how many.
+        tension: (n,) at the start on entry, at the end on return [N].
+    """
     for _ in range(steps):
         limb_step(limbs, state, current, rest, length, dt_s, tension)
 

@@ -94,7 +94,14 @@ def move_platform(
 def subtract_inertia(
     platform: Platform, change: FloatArray, state: FloatArray, wrench: FloatArray
 ) -> None:
-    """Take from the cables' wrench (6,) what accelerates the platform: the sensor sees the rest."""
+    """Take from the cables' wrench what accelerates the platform: the sensor sees the rest.
+
+    Args:
+        platform: from make_platform.
+        change: (6,) cables' wrench minus that of the first sample [N, N m].
+        state: (12,) displacement and velocity of move_platform [m, rad, m/s, rad/s].
+        wrench: (6,) of the cables, then of the sensor, base axes [N, N m].
+    """
     for row in range(6):
         for column in range(6):
             wrench[row] -= platform.inertia[row, column] * change[column]

@@ -160,25 +160,49 @@ def is_array(pattern: int, obj: int, rank: int, flags: int) -> bool:
 
 @inlined
 def same_kind(pattern: int, obj: int) -> bool:
-    """Whether two objects, of these addresses, have the same Python type."""
+    """Whether two objects have the same Python type.
+
+    Args:
+        pattern: address of an object of the type that is meant.
+        obj: address of any object.
+    """
     return _word(obj, _KIND) == _word(pattern, _KIND)
 
 
 @inlined
 def length(array: int, axis: int) -> int:
-    """Length of an array's axis."""
+    """Length of an array's axis.
+
+    Args:
+        array: its address; `is_array` has been asked before.
+        axis: from 0, below its rank.
+    """
     return _word(_word(array, _SHAPE), 8 * axis)
 
 
 @inlined
 def is_vector(pattern: int, obj: int, n: int, flags: int) -> bool:
-    """Whether an object is a plain (n,) float64 array; arguments as `is_array`."""
+    """Whether an object is a plain (n,) float64 array.
+
+    Args:
+        pattern: address of a float64 array.
+        obj: address of any object.
+        n: length that it must have.
+        flags: READABLE or WRITABLE.
+    """
     return is_array(pattern, obj, 1, flags) and length(obj, 0) == n
 
 
 @inlined
 def is_matrix(pattern: int, obj: int, rows: int, n: int) -> bool:
-    """Whether an object is a plain (rows, n) float64 array; arguments as `is_array`."""
+    """Whether an object is a plain (rows, n) float64 array that can be read.
+
+    Args:
+        pattern: address of a float64 array.
+        obj: address of any object.
+        rows: how many it must have.
+        n: length that each must have.
+    """
     right = is_array(pattern, obj, 2, READABLE)
     return right and length(obj, 0) == rows and length(obj, 1) == n
 

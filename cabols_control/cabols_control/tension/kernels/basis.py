@@ -46,10 +46,16 @@ ROUNDING = 2.220446049250313e-16
 
 @compiled
 def orthogonalise(work: FloatArray, rows: int, count: int, row: int, size: Size) -> None:
-    """Take the first `count` rows out of `row`, twice, so that nothing but rounding is left.
+    """Take orthonormal rows out of another, twice, so that nothing but rounding is left.
 
-    `rows` is where the orthonormal rows start in `work`, `row` where the row to treat starts.
     Twice is enough (Kahan and Parlett): 4 n count multiplications, always.
+
+    Args:
+        work: work array.
+        rows: where the orthonormal rows, n each, start in it.
+        count: how many of them are taken out.
+        row: where the row to treat starts; updated.
+        size: number of cables n, see static_size.py.
     """
     n = cables(size)
     for _ in range(2):
@@ -63,10 +69,16 @@ def orthogonalise(work: FloatArray, rows: int, count: int, row: int, size: Size)
 
 @compiled
 def complete_basis(work: FloatArray, rows: int, count: int, size: Size) -> None:
-    """Add orthonormal rows to `count` given ones until there are n: the null space's basis.
+    """Add orthonormal rows to given ones until there are n: the null space's basis.
 
     Each is the unit vector that is farthest from the rows so far, projected; its length is at
     least sqrt((n - count) / n), so nothing is lost. At most 4 n**2 multiplications a row.
+
+    Args:
+        work: work array.
+        rows: where the (n, n) rows start in it; those after the given ones are filled.
+        count: how many are given.
+        size: number of cables n, see static_size.py.
     """
     n = cables(size)
     for k in range(count, n):
@@ -92,10 +104,17 @@ def complete_basis(work: FloatArray, rows: int, count: int, size: Size) -> None:
 
 @compiled
 def orthonormal_rows(work: FloatArray, source: int, rows: int, factor: int, size: Size) -> int:
-    """Gram-Schmidt on the six rows (6, n) at `source`: orthonormal rows at `rows`; their number.
+    """Gram-Schmidt on six rows; at most 120 n multiplications.
 
-    `factor` receives the coefficients L (6, 6) with source = L rows, as long as every row is
-    independent; a dependent row is left out. At most 120 n multiplications.
+    Args:
+        work: work array.
+        source: where the given rows (6, n) start in it.
+        rows: where the orthonormal ones go; a dependent row is left out.
+        factor: where the coefficients L (6, 6) go: source = L rows, if no row is dependent.
+        size: number of cables n, see static_size.py.
+
+    Returns:
+        How many rows are independent.
     """
     n = cables(size)
     rank = 0
@@ -214,7 +233,12 @@ def _fill_inverse(work: FloatArray, size: Size) -> float:
 
 @compiled
 def fill_gram(work: FloatArray, size: Size) -> None:
-    """Gram matrix of the scaled columns, once per pose, when the first wrench asks for it."""
+    """Gram matrix of the scaled columns, once per pose, when the first wrench asks for it.
+
+    Args:
+        work: work array that `prepare_pose` filled; matrix and GRAM_MAX are written.
+        size: number of cables, see static_size.py.
+    """
     n = cables(size)
     scaled, gram = at_scaled(n), at_gram(n)
     if work[GRAM_MAX] >= 0.0:

@@ -35,7 +35,16 @@ PINNED = 1e-4
 
 @compiled
 def move(work: FloatArray, n: int, nullity: int, x: float, y: float, tension: FloatArray) -> None:
-    """Add N (x, y) to the tensions."""
+    """Add N (x, y) to the tensions.
+
+    Args:
+        work: work array of a pose that is ready.
+        n: number of cables.
+        nullity: n minus rank, 1 or 2.
+        x: along the null space's first row [N].
+        y: along its second [N]; not looked at if there is one only.
+        tension: (n,) [N], updated.
+    """
     rows = at_basis(n) + (n - nullity) * n
     for i in range(n):
         tension[i] += work[rows + i] * x
@@ -139,6 +148,13 @@ def analytic_on_segment(
     Only cables whose tension changes along the segment count: the others, pinned where the
     feasible tensions shrink to the segment, are the same all along it. So this is where the
     centre of a polygon goes as it grows flat.
+
+    Args:
+        work: work array of a pose that is ready.
+        n: number of cables, rank + 2.
+        start: z of one end [N].
+        end: z of the other [N].
+        tension: (n,) at z = 0, then at the centre [N].
     """
     dx, dy = end[0] - start[0], end[1] - start[1]
     pinned = PINNED * math.sqrt(dx * dx + dy * dy)
@@ -180,6 +196,16 @@ def power_terms(
 
     d_i is cable i's deviation from the middle of its limits over half their distance. A cable
     whose limits nearly meet has nothing to choose and is left out.
+
+    Args:
+        work: work array of a pose that is ready.
+        n: number of cables.
+        nullity: n minus rank, 1 or 2.
+        tension: (n,) at z = 0 [N].
+        x: first component of z [N].
+        y: second, if there are two [N].
+        exponent: p, at least 2.
+        derivatives: (DERIVATIVES,) filled: gradient [N], Hessian [-].
     """
     rows, low, scale = at_basis(n) + (n - nullity) * n, at_limits(n), work[SCALE]
     derivatives[:] = 0.0
@@ -213,7 +239,17 @@ def least_on_segment(
     """Point of a segment in z with the least p-norm; leaves the derivatives there.
 
     Newton steps on the slope, which rises along the segment; bisection where one leaves the
-    bracket. At most STEPS.
+    bracket. At most STEPS. The arguments are those of `power_terms`, but for the two ends.
+
+    Args:
+        work: work array of a pose that is ready.
+        n: number of cables.
+        nullity: n minus rank, 1 or 2.
+        tension: (n,) at z = 0 [N].
+        start: z of one end [N].
+        end: z of the other [N].
+        exponent: p, at least 2.
+        derivatives: (DERIVATIVES,) filled.
     """
     dx, dy = end[0] - start[0], end[1] - start[1]
     lower, upper, s = 0.0, 1.0, 0.5
@@ -296,7 +332,17 @@ def least_inside(
     exponent: float,
     derivatives: FloatArray,
 ) -> tuple[float, float]:
-    """Point z of the least p-norm, limits ignored, by damped Newton steps from a start."""
+    """Point z of the least p-norm, limits ignored, by damped Newton steps.
+
+    Args:
+        work: work array of a pose that is ready.
+        n: number of cables.
+        nullity: n minus rank, 1 or 2.
+        tension: (n,) at z = 0 [N].
+        start: z to begin from [N].
+        exponent: p, at least 2.
+        derivatives: (DERIVATIVES,) scratch.
+    """
     zx, zy = start
     power_terms(work, n, nullity, tension, zx, zy, exponent, derivatives)
     for _ in range(STEPS):
@@ -318,7 +364,16 @@ def least_inside(
 
 @compiled
 def holds(work: FloatArray, n: int, nullity: int, tension: FloatArray, x: float, y: float) -> bool:
-    """Whether tension + N (x, y) keeps the limits."""
+    """Whether tension + N (x, y) keeps the limits.
+
+    Args:
+        work: work array of a pose that is ready.
+        n: number of cables.
+        nullity: n minus rank, 1 or 2.
+        tension: (n,) at z = 0 [N].
+        x: first component of z [N].
+        y: second, if there are two [N].
+    """
     rows, low, inside = at_basis(n) + (n - nullity) * n, at_limits(n), True
     for i in range(n):
         value = tension[i] + work[rows + i] * x

@@ -21,6 +21,7 @@ from .nearest import (
     start_from_limits,
 )
 from .plane import pseudo_inverse_tension, solve_line, solve_plane, solve_point
+from .residual import clip_and_subtract
 from .smooth import soften, steep
 from .softened import NO_LOSS, UNSETTLED, miss_length, soften_nearest, start_from_conflict
 from .static_size import EIGHT, Size, cables, compiled, inlined
@@ -108,33 +109,6 @@ def _reject(work: FloatArray, size: Size, tension_out: FloatArray, residual_out:
     for k in range(6):
         residual_out[k] = float("nan")
     return INVALID
-
-
-@compiled
-def clip_and_subtract(
-    work: FloatArray,
-    size: Size,
-    wrench: FloatArray,
-    tension_out: FloatArray,
-    residual_out: FloatArray,
-) -> float:
-    """Take rounding off the limits, fill the residual A t - w; its largest weighted entry."""
-    n = cables(size)
-    limits, structure, weights = at_limits(n), at_structure(n), at_weights(n)
-    for i in range(n):
-        tension_out[i] = min(max(tension_out[i], work[limits + i]), work[limits + n + i])
-    largest = 0.0
-    for k in range(6):
-        even, odd = -wrench[k], 0.0
-        row = structure + k * n
-        for i in range(0, n - 1, 2):
-            even += work[row + i] * tension_out[i]
-            odd += work[row + i + 1] * tension_out[i + 1]
-        if n % 2 == 1:
-            even += work[row + n - 1] * tension_out[n - 1]
-        residual_out[k] = even + odd
-        largest = max(largest, abs(even + odd) * work[weights + k])
-    return largest
 
 
 @compiled
@@ -238,7 +212,12 @@ def solve_prepared(
 
 @inlined
 def detect_prepared(work: FloatArray, wrench: FloatArray) -> int:
-    """Status alone, as `solve_prepared` gives it, without the nearest wrench where rank is 6."""
+    """Status alone, as `solve_prepared` gives it, without the nearest wrench where rank is 6.
+
+    Args:
+        work: (work_size(n),) work array that `prepare_pose` filled; its scratch is overwritten.
+        wrench: (6,) force [N] then torque [N m] on the platform, base axes.
+    """
     n = int(work[CABLES])
     if not _usable(work, wrench):
         return INVALID

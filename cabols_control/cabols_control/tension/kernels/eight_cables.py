@@ -124,7 +124,16 @@ def _plane_eight(work: FloatArray, null: int, steepest: float, tension: FloatArr
 
 @compiled
 def solve_fixed_eight(work: FloatArray, wrench: FloatArray, tension: FloatArray) -> bool:
-    """Tensions at the pose in `work` (filled by prepare_pose, READY), for a finite wrench (6,)."""
+    """Tensions for one wrench at a pose that is ready.
+
+    Args:
+        work: work array that `prepare_pose` filled, in state READY.
+        wrench: (6,) finite [N, N m], base axes.
+        tension: (8,) filled [N]; of no use if NOT_PLAIN.
+
+    Returns:
+        PLAIN or NOT_PLAIN.
+    """
     w0, w1 = wrench[0] * work[_WEIGHTS], wrench[1] * work[_WEIGHTS + 1]
     w2, w3 = wrench[2] * work[_WEIGHTS + 2], wrench[3] * work[_WEIGHTS + 3]
     w4, w5 = wrench[4] * work[_WEIGHTS + 4], wrench[5] * work[_WEIGHTS + 5]
@@ -266,10 +275,21 @@ def solve_pose_eight(
     wrench: FloatArray,
     tension: FloatArray,
 ) -> bool:
-    """Tensions for one wrench (6,) at a new pose, whose structure matrix stands in `work`.
+    """Tensions for one wrench at a new pose, whose structure matrix stands in `work`.
 
     Nothing that outlives the call is prepared: for more wrenches at the pose use prepare_pose.
     About 700 multiplications.
+
+    Args:
+        work: work array with structure matrix, weights and EXACT in their places; limits, SCALE
+            and scratch are overwritten.
+        tension_min: (8,) lower limits [N].
+        tension_max: (8,) upper limits, none below the lower [N].
+        wrench: (6,) [N, N m], base axes.
+        tension: (8,) filled [N]; of no use if NOT_PLAIN.
+
+    Returns:
+        PLAIN, or NOT_PLAIN, as where matrix or wrench are not finite.
     """
     if not _factor(work):
         return NOT_PLAIN

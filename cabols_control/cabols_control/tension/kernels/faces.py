@@ -66,8 +66,14 @@ def _slide(work: FloatArray, n: int, dx: float, dy: float, tension: FloatArray) 
 def choose_on_line(work: FloatArray, n: int, tension: FloatArray) -> bool:
     """Least norm on a face of a rank-6 pose with two degrees of redundancy, in closed form.
 
-    Vector PINNED says which cables must stay. False, and nothing done, if no cable is pinned
-    in a way that matters, so that the whole plane is left: for `choose_on_face`.
+    Args:
+        work: work array of a pose that is ready; its vector PINNED says which cables must stay.
+        n: number of cables, 8.
+        tension: (n,) inside the limits, then the answer [N]; the wrench stays.
+
+    Returns:
+        False, and nothing done, if no cable is pinned in a way that matters, so that the whole
+        plane is left: for `choose_on_face`.
     """
     left, dx, dy = _free_direction(work, n)
     if left == 1:
@@ -79,7 +85,11 @@ def choose_on_line(work: FloatArray, n: int, tension: FloatArray) -> bool:
 def choose_on_face(work: FloatArray, n: int, tension: FloatArray) -> None:
     """Least norm on any face: null space of the columns that are not pinned, general solver.
 
-    Arguments as `choose_on_line`; `tension` keeps the limits and its wrench.
+    Args:
+        work: work array that `prepare_pose` filled, of any rank; its vector PINNED says which
+            cables must stay.
+        n: number of cables.
+        tension: (n,) inside the limits, then the answer [N]; the wrench stays.
     """
     pinned, basis, scaled = at_vector(n, PINNED), at_face(n), at_scaled(n)
     rows = basis + n * n

@@ -28,7 +28,15 @@ SIDE = 2
 
 @compiled
 def pin(work: FloatArray, size: Size, i: int, side: float, tension: FloatArray) -> None:
-    """Put cable i on a limit."""
+    """Put a cable on one of its limits.
+
+    Args:
+        work: work array of the pose; its vector SIDE is written.
+        size: number of cables, see static_size.py.
+        i: the cable, from 0.
+        side: -1 for the lower limit, +1 for the upper.
+        tension: (n,) [N]; its entry is set.
+    """
     n = cables(size)
     limits = at_limits(n)
     work[at_vector(n, SIDE) + i] = side
@@ -97,8 +105,17 @@ def project_on_facet(work: FloatArray, size: Size, target: Six, tension: FloatAr
     """Project the wrench on the hyperplane that the conflict names; sides from what results.
 
     With multipliers m, sum m_i N_i = 0 over the conflict, y = pinv(B)^T m is the normal:
-    y . (B t) = m . t for every t. Returns True if the other tensions keep their limits, which
-    makes the projection the nearest wrench (up to the least norm on its face).
+    y . (B t) = m . t for every t.
+
+    Args:
+        work: work array with the plane solver's conflict in its header; its vector SIDE is written.
+        size: number of cables, 8, see static_size.py.
+        target: six floats, the wrench times the weights.
+        tension: (n,) pseudo-inverse tensions, then inside the limits but for KEEPS [N].
+
+    Returns:
+        Whether the other tensions keep their limits, which makes the projection the nearest wrench
+        (up to the least norm on its face).
     """
     n = cables(size)
     limits, inverse = at_limits(n), at_inverse(n)

@@ -169,10 +169,18 @@ def _activate(
 
 @compiled
 def least_norm(work: FloatArray, n: int, basis: int, nullity: int, tension: FloatArray) -> bool:
-    """Any redundancy; `tension` is a point orthogonal to the null space, then the answer.
+    """Least norm inside the limits for any redundancy.
 
-    `basis` is where `nullity` orthonormal rows of n start in `work`. Returns True if feasible;
-    if not, `tension` is unchanged. At most STEPS_PER_CABLE * n limits are made active.
+    Args:
+        work: work array of the pose.
+        n: number of cables.
+        basis: where orthonormal rows start in it along which the tensions may move: those of the
+            null space, or of a face.
+        nullity: how many they are.
+        tension: (n,) a point orthogonal to them, then the answer [N]; unchanged if there is none.
+
+    Returns:
+        Whether one was found; if not, there is none, or STEPS_PER_CABLE * n steps were not enough.
     """
     z, taken = at_vector(n, _Z), at_vector(n, _TAKEN)
     for i in range(n):

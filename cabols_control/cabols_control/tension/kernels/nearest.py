@@ -189,9 +189,16 @@ def _finish(work: FloatArray, size: Size, tension: FloatArray, zero: float) -> i
 
 @compiled
 def exchange_blocks(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> int:
-    """Exchange whole blocks until none is wrong; DESCEND if that does not settle.
+    """Exchange whole blocks until none is wrong.
 
-    `tension` keeps the limits and agrees with the sides at the start and, if unsettled, at the end.
+    Args:
+        work: work array that `prepare_pose` filled, with the sides in its vector SIDE; updated.
+        size: number of cables, see static_size.py.
+        target: six floats, the wrench times the weights.
+        tension: (n,) inside the limits and as the sides say, at the start and at the end [N].
+
+    Returns:
+        What is left to do: NOTHING, CHOOSE the least norm, or DESCEND if that did not settle.
     """
     n = cables(size)
     limits, side, gradient = at_limits(n), at_vector(n, SIDE), at_vector(n, _GRADIENT)
@@ -259,7 +266,17 @@ def _step_inside(work: FloatArray, size: Size, tension: FloatArray) -> tuple[flo
 
 @compiled
 def descend(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> int:
-    """Bounded-variable least squares from a point that keeps the limits."""
+    """Bounded-variable least squares from a point that keeps the limits.
+
+    Args:
+        work: work array that `prepare_pose` filled, with the sides in its vector SIDE; updated.
+        size: number of cables, see static_size.py.
+        target: six floats, the wrench times the weights.
+        tension: (n,) inside the limits and as the sides say, then the answer [N].
+
+    Returns:
+        What is left to do: NOTHING, or CHOOSE the least norm.
+    """
     n = cables(size)
     limits, side, gradient = at_limits(n), at_vector(n, SIDE), at_vector(n, _GRADIENT)
     banned, fresh, zero = at_vector(n, _BANNED), -1, _fill_linear(work, size, target)
@@ -297,7 +314,13 @@ def descend(work: FloatArray, size: Size, target: Six, tension: FloatArray) -> i
 
 @compiled
 def start_from_limits(work: FloatArray, size: Size, tension: FloatArray) -> None:
-    """Sides from the tensions without limits, or all at the lower limit for a deficient A."""
+    """Sides from the tensions without limits, or all at the lower limit for a deficient A.
+
+    Args:
+        work: work array that `prepare_pose` filled; its vector SIDE is written.
+        size: number of cables, see static_size.py.
+        tension: (n,) pseudo-inverse tensions, then inside the limits [N].
+    """
     n = cables(size)
     limits, side = at_limits(n), at_vector(n, SIDE)
     for i in range(n):
@@ -314,7 +337,7 @@ def nearest_from_conflict(work: FloatArray, size: Size, target: Six, tension: Fl
 
     Args:
         work: work array that `prepare_pose` filled, with the conflict in its header.
-        size: number of cables, as in sizes.py.
+        size: number of cables, see static_size.py.
         target: six floats, the wrench times the weights.
         tension: (n,) pseudo-inverse tensions, overwritten by the answer, inside the limits.
 

@@ -41,7 +41,14 @@ VIOLATION = 1e-15
 
 @compiled
 def pseudo_inverse_tension(work: FloatArray, size: Size, wrench: Six, out: FloatArray) -> None:
-    """Write the least-norm tensions t0 for `wrench` (scaled by the weights), limits ignored."""
+    """Write the least-norm tensions t0, limits ignored.
+
+    Args:
+        work: work array of a pose that is ready.
+        size: number of cables n, see static_size.py.
+        wrench: six floats, times the weights.
+        out: (n,) filled [N].
+    """
     n = cables(size)
     inverse = at_inverse(n)
     w0, w1, w2, w3, w4, w5 = wrench
@@ -62,7 +69,17 @@ def set_conflict(
     third: int,
     third_side: float,
 ) -> None:
-    """Note which limits contradict each other."""
+    """Note in the header which limits contradict each other.
+
+    Args:
+        work: work array of the pose.
+        first: cable, from 0.
+        first_side: its limit: -1 lower, +1 upper.
+        second: cable, -1 if there is none.
+        second_side: its limit.
+        third: cable, -1 if there is none.
+        third_side: its limit.
+    """
     work[CONFLICT] = first
     work[CONFLICT_SIDE] = first_side
     work[CONFLICT + 1] = second
@@ -75,11 +92,21 @@ def set_conflict(
 def meeting_point(
     lower: float, lower_slope: float, upper: float, upper_slope: float, tolerance: float
 ) -> tuple[float, bool]:
-    """Where an empty interval's ends are missed least; the second value says if tolerably.
+    """Where an empty interval's ends are missed least.
 
     The limit at `lower` has a tension changing by `lower_slope` > 0 per unit, and so on: moving
     to s misses them by (lower - s) * lower_slope and (s - upper) * upper_slope; s makes the two
     equal.
+
+    Args:
+        lower: the interval's lower end, above the upper.
+        lower_slope: positive, of the tension whose limit it is [N per unit].
+        upper: the upper end.
+        upper_slope: as lower_slope.
+        tolerance: miss that is put up with [N].
+
+    Returns:
+        s, and whether the miss is tolerable.
     """
     total = lower_slope + upper_slope
     miss = (lower - upper) * (lower_slope * upper_slope / total)
@@ -88,13 +115,24 @@ def meeting_point(
 
 @compiled
 def nearest_to_zero(lower: float, upper: float) -> float:
-    """Point of the interval that is nearest to zero."""
+    """Point of an interval that is nearest to zero.
+
+    Args:
+        lower: its lower end.
+        upper: its upper end, not below.
+    """
     return min(max(0.0, lower), upper)
 
 
 @compiled
 def solve_point(work: FloatArray, size: Size, tension: FloatArray) -> bool:
-    """No redundancy: `tension` holds the only solution; True if it keeps the limits."""
+    """No redundancy: whether the only solution keeps the limits.
+
+    Args:
+        work: work array of a pose that is ready, six cables.
+        size: number of cables, see static_size.py.
+        tension: (6,) t0 [N].
+    """
     n = cables(size)
     limits, tolerance = at_limits(n), work[TOLERANCE]
     work[ITERATIONS] = n
@@ -107,7 +145,16 @@ def solve_point(work: FloatArray, size: Size, tension: FloatArray) -> bool:
 
 @compiled
 def solve_line(work: FloatArray, size: Size, tension: FloatArray) -> bool:
-    """One degree of redundancy: n clips of one interval; `tension` is t0, then the answer."""
+    """One degree of redundancy: n clips of one interval.
+
+    Args:
+        work: work array of a pose that is ready, seven cables.
+        size: number of cables, see static_size.py.
+        tension: (7,) t0, then the answer [N]; left at t0 if there is none.
+
+    Returns:
+        Whether it is feasible.
+    """
     n = cables(size)
     limits, basis, tolerance = at_limits(n), at_basis(n) + 6 * n, work[TOLERANCE]
     lower, lower_slope, upper, upper_slope = -math.inf, 1.0, math.inf, 1.0
@@ -192,10 +239,16 @@ def _clip_line(
 
 @compiled
 def solve_plane(work: FloatArray, size: Size, tension: FloatArray) -> bool:
-    """Two degrees of redundancy; `tension` is t0, then the answer.
+    """Two degrees of redundancy: at most n(n - 1)/2 clips.
 
-    Returns True if feasible. If not, the header holds the two or three limits that contradict
-    each other, `tension` is left at t0. At most n(n - 1)/2 clips.
+    Args:
+        work: work array of a pose that is ready, eight cables; if infeasible, its header receives
+            the one to three limits that prove it, see set_conflict.
+        size: number of cables, see static_size.py.
+        tension: (8,) t0, then the answer [N]; left at t0 if there is none.
+
+    Returns:
+        Whether it is feasible.
     """
     n = cables(size)
     limits, nx, ny = at_limits(n), at_basis(n) + 6 * n, at_basis(n) + 7 * n

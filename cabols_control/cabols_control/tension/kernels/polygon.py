@@ -86,7 +86,12 @@ def feasible_polygon(
 
 @compiled
 def flat_ends(points: FloatArray, count: int) -> tuple[float, float, float, float]:
-    """Ends x, y, x, y of a polygon without area: a segment, or twice a point."""
+    """Ends x, y, x, y of a polygon without area: a segment, or twice a point.
+
+    Args:
+        points: x, y of its corners [N].
+        count: how many, at least 1.
+    """
     # The corner farthest from any corner is one end; the other is farthest from it.
     ends_x, ends_y = (points[0], points[0]), (points[1], points[1])
     for _ in range(2):
@@ -119,7 +124,16 @@ def half_width(points: FloatArray, count: int, area: float) -> float:
 
 @compiled
 def centroid(work: FloatArray, points: FloatArray, count: int) -> tuple[float, float, float]:
-    """Centroid of a polygon of at least one corner, and twice its area; 0: it is flat."""
+    """Centroid of a polygon.
+
+    Args:
+        work: work array of the pose, for the largest limit.
+        points: x, y of its corners, counter-clockwise [N].
+        count: how many, at least 1.
+
+    Returns:
+        x, y [N] and twice the area [N^2], which is 0 if it is flat: then the middle of its ends.
+    """
     ox, oy = points[0], points[1]
     area, sx, sy = 0.0, 0.0, 0.0
     for k in range(1, count - 1):

@@ -104,7 +104,12 @@ def at_scratch(n: int) -> int:
 
 @compiled
 def at_vector(n: int, k: int) -> int:
-    """(n,) scratch vector k, 0 to 17; each file says which ones it uses."""
+    """(n,) scratch vector; each file says which ones it uses.
+
+    Args:
+        n: number of cables.
+        k: which vector, 0 to 17.
+    """
     return at_scratch(n) + k * n
 
 

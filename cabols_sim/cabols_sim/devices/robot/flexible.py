@@ -31,7 +31,16 @@ def joint_torque(
     friction: FloatArray,
     slip: FloatArray,
 ) -> float:
-    """Torque [N m] of one joint at a deflection [rad]; element arrays (ELEMENTS,)."""
+    """Torque [N m] of one joint at a deflection, with the sliders where they stand.
+
+    Args:
+        deflection: link side minus encoder side [rad].
+        linear: stiffness without hysteresis [N m/rad].
+        cubic: [N m/rad^3].
+        stiffness: (ELEMENTS,) of the sliders' springs [N m/rad].
+        friction: (ELEMENTS,) torque at which they give [N m].
+        slip: (ELEMENTS,) where they stand [rad].
+    """
     torque = (linear + cubic * deflection * deflection) * deflection
     for k in range(stiffness.shape[0]):
         part = stiffness[k] * (deflection - slip[k])
@@ -53,6 +62,14 @@ def joint_deflection(
     The torque rises with the deflection at least as steeply as `linear`, so what the springs take
     lies between the two ends found from the friction alone: Newton steps inside that bracket,
     halved where they leave it.
+
+    Args:
+        torque: of the joint [N m].
+        linear: stiffness without hysteresis, positive [N m/rad].
+        cubic: not negative [N m/rad^3].
+        stiffness: (ELEMENTS,) of the sliders' springs [N m/rad].
+        friction: (ELEMENTS,) torque at which they give [N m].
+        slip: (ELEMENTS,) where they stand [rad]; not moved.
     """
     total = 0.0
     for k in range(stiffness.shape[0]):
