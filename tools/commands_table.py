@@ -26,7 +26,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from cabols_control.declared_parameters import declared_parameters
+from cabols_control.parameters.declared import declared_parameters
 from structure import ROOT
 
 PAGE = ROOT / "docs" / "commands.md"

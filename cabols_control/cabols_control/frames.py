@@ -13,8 +13,8 @@ from cabols_control.configuration import STRICT, load_config, within
 from cabols_control.geometry import RigGeometry
 from cabols_control.placement import Frame
 from cabols_control.rig_folder import RigFolder, find_rig
-from cabols_control.wrench_frames import WrenchFrame, WrenchFrames, wrench_frames
-from cabols_control.wrench_uncertainty import (
+from cabols_control.wrench_control.frames import WrenchFrame, WrenchFrames, wrench_frames
+from cabols_control.wrench_control.uncertainty import (
     UncertaintyConfig,
     WrenchUncertainty,
     uncertainty_sources,

@@ -26,7 +26,7 @@ from cabols_control.command_line import (
     fail,
     unknown_options,
 )
-from cabols_control.declared_parameters import (
+from cabols_control.parameters.declared import (
     DeclaredParameter,
     declared_parameters,
     docstring_of,

@@ -15,7 +15,7 @@ from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import calls, distribute
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
-from cabols_control.wrench_frames import platform_axes
+from cabols_control.wrench_control.frames import platform_axes
 
 
 def warm_limbs(rig: Rig) -> None:

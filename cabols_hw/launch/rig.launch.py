@@ -8,7 +8,7 @@ from launch.actions import OpaqueFunction
 
 from cabols_control.bringup.graph import PARTS, rig_graph
 from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
-from cabols_control.params_file import complete
+from cabols_control.parameters.file import complete
 from launch import Action, LaunchContext, LaunchDescription
 
 

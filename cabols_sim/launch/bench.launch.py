@@ -8,7 +8,7 @@ from launch.actions import OpaqueFunction
 
 from cabols_control.bringup.graph import PARTS
 from cabols_control.bringup.launching import argument_values, arguments, launch_nodes
-from cabols_control.params_file import complete
+from cabols_control.parameters.file import complete
 from cabols_sim.bench.run import forgiving, free_ports, launched
 from cabols_sim.bringup_nodes import bench_graph
 from launch import Action, LaunchContext, LaunchDescription

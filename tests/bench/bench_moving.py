@@ -34,7 +34,7 @@ from cabols_control.kinematics import structure_matrix
 from cabols_control.placement import Frame
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import find_rig
-from cabols_control.wrench_frames import WrenchFrame, wrench_frames
+from cabols_control.wrench_control.frames import WrenchFrame, wrench_frames
 from moving_rig import MovingRig, TrippedError
 
 SPEEDS = (0.005, 0.02, 0.05, 0.1)

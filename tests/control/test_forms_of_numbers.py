@@ -14,7 +14,7 @@ from cabols_control.files.plain_numbers import plain_integer, plain_number
 from cabols_control.files.strict_yaml import parse
 from cabols_control.load_programs.programs import CSV_HEADER, parse_csv
 from cabols_control.rig_folder import rig_file
-from cabols_control.serial_arm import read_serial_arm
+from cabols_control.serial_arms.arm import read_serial_arm
 from cabols_control.workspace.tool.files import POSE_COLUMNS, read_poses
 from cabols_hw.force_torque.ati import parse_calibration
 from cabols_hw.force_torque.sensor_bias import load_bias

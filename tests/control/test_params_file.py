@@ -8,7 +8,7 @@ import yaml
 
 from cabols_control.bringup.graph import all_nodes, rig_graph
 from cabols_control.errors import ConfigError
-from cabols_control.params_file import (
+from cabols_control.parameters.file import (
     OF_THE_LAUNCH,
     complete,
     default_of,

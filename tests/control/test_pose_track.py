@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from cabols_control.pose_track import Heard, hear_pose, place_platform, pose_time, pose_track
+from cabols_control.poses.track import Heard, hear_pose, place_platform, pose_time, pose_track
 
 HORIZON_S = 0.04
 PERIOD_S = 0.004

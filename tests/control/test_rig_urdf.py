@@ -14,14 +14,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cabols_control.errors import ConfigError
-from cabols_control.frame_tree import pose_in, read_links
 from cabols_control.frames import load_frames
 from cabols_control.geometry import load_geometry
 from cabols_control.placement import Frame
 from cabols_control.rig_folder import find_rig
 from cabols_control.rig_tools.new_rig import main as new_rig
 from cabols_control.rig_tools.rig_urdf import main, rig_urdf, urdf_text
-from cabols_control.serial_arm import read_serial_arm
+from cabols_control.serial_arms.arm import read_serial_arm
+from cabols_control.serial_arms.frame_tree import pose_in, read_links
 from cabols_hw.abb.configurations import load_configurations
 from cabols_sim.bench.pulley_rig import make_pulley_rig
 

@@ -11,7 +11,7 @@ import pytest
 from cabols_control.console.view3d.arm import read_arm
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import rig_file
-from cabols_control.serial_arm import NotSerialError, read_serial_arm
+from cabols_control.serial_arms.arm import NotSerialError, read_serial_arm
 
 BENCH = rig_file("robot.urdf")
 

@@ -76,7 +76,7 @@ def test_every_form_gives_the_same(form):
 
 @pytest.mark.parametrize(
     "wrong",
-    [None, 1.0, "wrench", object(), (), {}, np.float64(3.0), np.zeros(0), np.zeros(7), EYE],
+    [None, 1.0, "wrench", object, (), {}, np.float64(3.0), np.zeros(0), np.zeros(7), EYE],
     ids=repr,
 )
 def test_what_is_no_wrench_is_refused(wrong):

@@ -18,7 +18,7 @@ from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
-from cabols_control.wrench_frames import WrenchFrame, wrench_frames
+from cabols_control.wrench_control.frames import WrenchFrame, wrench_frames
 
 ANGLES = [25.0, -40.0, 110.0]
 OWN = {

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cabols_control.placement import Frame
-from cabols_control.wrench_frames import WrenchFrame, place_frame, wrench_frames
-from cabols_control.wrench_uncertainty import (
+from cabols_control.wrench_control.frames import WrenchFrame, place_frame, wrench_frames
+from cabols_control.wrench_control.uncertainty import (
     UncertaintyConfig,
     WrenchUncertainty,
     uncertainty_sources,

@@ -22,9 +22,10 @@ import binary_targets  # noqa: E402
 import text_targets  # noqa: E402
 from engine import Target, run  # noqa: E402
 
-from cabols_control import cdr, serial_arm  # noqa: E402
+from cabols_control import cdr  # noqa: E402
 from cabols_control.files import strict_yaml  # noqa: E402
 from cabols_control.load_programs import programs  # noqa: E402
+from cabols_control.serial_arms import arm as serial_arm  # noqa: E402
 from cabols_hw.abb import egm_sample, rws_answers  # noqa: E402
 
 MOST, SECONDS = 6_000, 40.0

@@ -25,7 +25,7 @@ from cabols_control.geometry import load_geometry
 from cabols_control.load_programs.programs import CSV_HEADER, multi_axis, parse_csv
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
-from cabols_control.serial_arm import read_serial_arm
+from cabols_control.serial_arms.arm import read_serial_arm
 from cabols_control.workspace.bodies import load_bodies
 from cabols_control.workspace.tool.files import POSE_COLUMNS, read_poses
 from cabols_hw.abb.configurations import load_configurations

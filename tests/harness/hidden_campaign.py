@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from cabols_control.rig_folder import rig_file
-from cabols_control.serial_arm import read_serial_arm
+from cabols_control.serial_arms.arm import read_serial_arm
 from cabols_sim.mismatch.campaign import measure
 from cabols_sim.mismatch.hidden_robot import HiddenRobot
 from cabols_sim.mismatch.settings import Variety, draw_settings

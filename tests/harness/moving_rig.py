@@ -13,7 +13,7 @@ from bench_tracking import wrong_rig
 from cabols_control.limb_control.controller import TensionSetpoint
 from cabols_control.rig import Rig
 from cabols_control.wrench_control.controller import DesiredWrench
-from cabols_control.wrench_frames import place_frame, wrench_from_base
+from cabols_control.wrench_control.frames import place_frame, wrench_from_base
 from cabols_hw.card.config import load_card
 from cabols_hw.safety.config import load_safety
 from cabols_hw.safety.guard import BridgeGuard

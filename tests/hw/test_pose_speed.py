@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cabols_control.pose_track import pose_time
+from cabols_control.poses.track import pose_time
 from cabols_control.rig import load_rig
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.safety.config import load_safety

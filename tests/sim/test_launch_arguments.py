@@ -11,7 +11,7 @@ import yaml
 from cabols_control.bringup.argument_text import read_arguments
 from cabols_control.bringup.graph import all_arguments, rig_graph
 from cabols_control.errors import ConfigError
-from cabols_control.params_file import complete
+from cabols_control.parameters.file import complete
 from cabols_control.rig_folder import find_rig
 from cabols_sim.bringup_nodes import bench_graph
 

@@ -12,7 +12,7 @@ import pytest
 
 import independent_arm as arm
 from cabols_control.rig_folder import rig_file
-from cabols_control.serial_arm import read_serial_arm
+from cabols_control.serial_arms.arm import read_serial_arm
 from cabols_sim.mismatch.hidden_robot import HiddenRobot
 from cabols_stiffness import PointSamples
 from hidden_campaign import MIDDLE, TOOL, campaign, configurations, hidden_robot, wrenches

@@ -12,8 +12,8 @@ import pytest
 
 from cabols_control import entry_points, node_command
 from cabols_control.command_line import CommandParser, command, existing_file
-from cabols_control.declared_parameters import declared_parameters
 from cabols_control.errors import CabolsError, UsageError
+from cabols_control.parameters.declared import declared_parameters
 from commands_table import CASES, ROOT, Executable, calls, executables, observe_all, page
 
 pytestmark = pytest.mark.timeout(900)

@@ -36,6 +36,7 @@ ROSDEP_KEY = {
     "google": "python3-protobuf",
     "grpc": "python3-grpcio",
     "jinja2": "python3-jinja2",
+    "llvmlite": "python3-numba",  # which needs it
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
     "numba": "python3-numba",

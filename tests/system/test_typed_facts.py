@@ -30,7 +30,7 @@ ALLOWED = {
     "cabols_sim/devices/abb/rapid.py set": "a RAPID variable's value, TRUE or FALSE",
     # Headers and cells of a laboratory's table.
     "cabols_stiffness/data_files/cells.py _from_headers": "a comment line of a table",
-    "cabols_control/serial_arm.py parse_urdf": "names and prefixes of an XML file",
+    "cabols_control/serial_arms/arm.py parse_urdf": "names and prefixes of an XML file",
     "cabols_stiffness/table/reading.py _number": "an empty cell of a table",
     "cabols_stiffness/table/units.py meaning": "a column's header: name and unit",
     "cabols_stiffness/table/units.py _split": "a column's header: name and unit",

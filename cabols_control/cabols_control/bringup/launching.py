@@ -78,7 +78,7 @@ def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
     """Return launch actions for the nodes; when one ends that may not restart, all end.
 
     Args:
-        nodes: complete, see cabols_control.params_file.complete.
+        nodes: complete, see cabols_control.parameters.file.complete.
         context: of the launch; None: the nodes find this machine alone.
     """
     discovery = "LOCALHOST"

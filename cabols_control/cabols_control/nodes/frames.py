@@ -16,7 +16,6 @@ from std_msgs.msg import String
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
-from cabols_control.frame_tree import read_links
 from cabols_control.placement import Frame
 from cabols_control.rig_tools.rig_urdf import ROBOT_URDF, rig_urdf, urdf_text
 from cabols_control.ros import topics
@@ -27,6 +26,7 @@ from cabols_control.ros.qos import quality_qos
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.ticking_node import TickingNode
 from cabols_control.rotations import read_pose
+from cabols_control.serial_arms.frame_tree import read_links
 from cabols_control.stamps import set_time, time_ns
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.topics import FOREIGN

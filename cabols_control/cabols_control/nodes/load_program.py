@@ -36,7 +36,7 @@ from cabols_control.ros.threads.pause import pause
 from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode
-from cabols_control.wrench_frames import place_frame, wrench_from_base
+from cabols_control.wrench_control.frames import place_frame, wrench_from_base
 
 Place = tuple[FloatArray, FloatArray]
 FEEDBACK_S = 0.2

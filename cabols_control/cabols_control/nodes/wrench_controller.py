@@ -13,7 +13,7 @@ from geometry_msgs.msg import WrenchStamped
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.checks import FloatArray
 from cabols_control.frames import load_wrench_frames, load_wrench_uncertainty
-from cabols_control.pose_track import pose_time
+from cabols_control.poses.track import pose_time
 from cabols_control.ros import topics
 from cabols_control.ros.framed_wrench import FramedWrenchInput, FrameWrenchOutput
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input

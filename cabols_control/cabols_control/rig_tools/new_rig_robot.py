@@ -14,7 +14,7 @@ from cabols_control.errors import UsageError
 from cabols_control.frames import load_frames
 from cabols_control.rig_folder import RigFolder
 from cabols_control.rig_tools.robot_placing import FLANGE_AXIS, flange_pose, place_robot
-from cabols_control.serial_arm import read_serial_arm
+from cabols_control.serial_arms.arm import read_serial_arm
 
 JOINTS = 6
 

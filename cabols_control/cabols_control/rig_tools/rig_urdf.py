@@ -27,7 +27,7 @@ from cabols_control.placement import Frame
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
 from cabols_control.rig_tools.ros2_control_urdf import add_ros2_control
-from cabols_control.serial_arm import parse_urdf, read_serial_arm
+from cabols_control.serial_arms.arm import parse_urdf, read_serial_arm
 
 TEXT = "Write the URDF of a rig: its frame, robot, platform, sensor, tracker and reflectors."
 ROBOT_URDF = "robot.urdf"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
-from cabols_control.serial_arm import SerialArm
+from cabols_control.serial_arms.arm import SerialArm
 
 TOOL_M = 0.15
 """From the flange to the platform's origin, along the flange's z, unless told otherwise [m]."""

@@ -14,8 +14,8 @@ from cabols_control.ros import topics
 from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import Input
 from cabols_control.ros.node import ControlNode
-from cabols_control.wrench_frames import WrenchFrames, place_frame, wrench_from_base
-from cabols_control.wrench_uncertainty import WrenchUncertainty
+from cabols_control.wrench_control.frames import WrenchFrames, place_frame, wrench_from_base
+from cabols_control.wrench_control.uncertainty import WrenchUncertainty
 
 FRAME_AT, TEXT_AT = 12, 16
 """Where length and text of a message's frame_id are, after the CDR header and the stamp [bytes]."""

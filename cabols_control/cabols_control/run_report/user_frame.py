@@ -17,7 +17,7 @@ from cabols_control.configuration import load_config
 from cabols_control.errors import CabolsError
 from cabols_control.frames import RigFrames
 from cabols_control.geometry import load_geometry
-from cabols_control.wrench_frames import WrenchFrames, wrench_frames
+from cabols_control.wrench_control.frames import WrenchFrames, wrench_frames
 
 POSITION = tuple(f"pose.position.{axis}" for axis in "xyz")
 QUATERNION = tuple(f"pose.orientation.{axis}" for axis in "xyzw")

@@ -69,7 +69,10 @@ NOT_PLAIN = STATUS_MASK | SOFTENED
 STEP_BITS = STATUS_BITS + 1
 MOST_CABLES = 16
 """Of `distribute_entry`, whose work array is `PATTERN`; more go the longer way."""
-PATTERN = np.zeros(work_size(MOST_CABLES))
+PATTERN = np.zeros(work_size(MOST_CABLES) + 1)
+EXACT_PATTERN = PATTERN.copy()
+"""The same for `distribute_entry`, which gives exact tensions where the last number is not 0."""
+EXACT_PATTERN[-1] = 1.0
 
 
 @inlined
@@ -275,7 +278,6 @@ def _distribute_objects(
     wrench: Any,
     low: Any,
     high: Any,
-    exact: bool,
     tension: Any,
     residual: Any,
 ) -> int:
@@ -296,7 +298,7 @@ def _distribute_objects(
     if not _fill_limit(p, address(high), n, address(number), work, limits + n):
         return _WRONG_SHAPE
     out, rest = vector(address(tension)), vector(address(residual))
-    return _one_call(work, matrix(m), vector(f), exact, out, rest)
+    return _one_call(work, matrix(m), vector(f), work[-1] != 0.0, out, rest)
 
 
 _TYPES = {
@@ -340,10 +342,9 @@ _ENTRIES: dict[str, _Ways] = {
     "solve_at_entry": (_solve_at_objects, 7, _solve_at_call, (1, 1, 2, 1, 1, 1)),
     "solve_into_entry": (_solve_into_objects, 4, _solve_into_call, (1, 1, 1)),
     "solve_at_into_entry": (_solve_at_into_objects, 6, _solve_at_into_call, (1, 1, 2, 1, 1)),
-    "distribute_entry": (_distribute_objects, 9, None, ()),
+    "distribute_entry": (_distribute_objects, 8, None, ()),
 }
 """Function that takes objects and how many, function that numba leads to and its arrays' ranks."""
-_EXACT_PLACE = 6  # of distribute_entry, a truth value
 _loading = threading.Lock()
 
 
@@ -351,10 +352,7 @@ def _load(name: str) -> Entry:
     """Compile or load an entry."""
     objects, count, typed, ranks = _ENTRIES[name]
     if layout_is_known():
-        kinds: list[Any] = [ADDRESS] * count
-        if typed is None:
-            kinds[_EXACT_PLACE] = types.boolean
-        return _compile(objects, tuple(kinds))
+        return _compile(objects, (ADDRESS,) * count)
     return _refuse_all if typed is None else _by_numba(typed, ranks)
 
 

@@ -13,7 +13,7 @@ from cabols_control.errors import CabolsError, ShapeError
 
 from . import calls
 from .arguments import check_limits, check_matrix, check_weights, check_wrench
-from .calls import NOT_PLAIN, PATTERN, SOFTENED, STATUS_MASK, STEP_BITS
+from .calls import EXACT_PATTERN, NOT_PLAIN, PATTERN, SOFTENED, STATUS_MASK, STEP_BITS
 from .kernels.basis import prepare_pose
 from .kernels.work_array import EXACT, FEASIBLE, INFEASIBLE, INVALID, ITERATIONS, LOSS, work_size
 from .many_cables import choose_in_polytope
@@ -106,17 +106,15 @@ def distribute(
         except (TypeError, ValueError, AttributeError, IndexError):
             pass
         else:
-            entry = calls.distribute_entry
-            code = entry(
-                PATTERN, _NUMBER, A, wrench, tension_min, tension_max, exact, tension, residual
-            )
+            entry, work = calls.distribute_entry, EXACT_PATTERN if exact else PATTERN
+            code = entry(work, _NUMBER, A, wrench, tension_min, tension_max, tension, residual)
             steps = code >> STEP_BITS
             if not code & NOT_PLAIN:
                 return _new(TensionSolution, (tension, True, residual, _PLAIN, steps, 0.0))
             status, loss = code & STATUS_MASK, 0.0
             if code & SOFTENED:  # seldom: once more, with a place for what was given up
                 more = _empty(tension.shape[0] + 1)
-                entry(PATTERN, _NUMBER, A, wrench, tension_min, tension_max, exact, more, residual)
+                entry(work, _NUMBER, A, wrench, tension_min, tension_max, more, residual)
                 loss = more.item(-1)
             if status <= INFEASIBLE:
                 feasible = status == FEASIBLE

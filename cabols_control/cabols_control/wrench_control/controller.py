@@ -11,7 +11,7 @@ from numba import njit
 
 from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.checks import FloatArray
-from cabols_control.pose_track import (
+from cabols_control.poses.track import (
     hear_pose,
     place_platform,
     pose_ahead_into,
@@ -23,9 +23,9 @@ from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import DEFAULT_WEIGHTS, prepare_pose, set_method, work_size
 from cabols_control.tension.kernels.work_array import SHARE
+from cabols_control.wrench_control.frames import place_frame, wrench_to_base
 from cabols_control.wrench_control.law import WrenchLaw
 from cabols_control.wrench_control.tension_setpoint import DesiredTension, TensionReference
-from cabols_control.wrench_frames import place_frame, wrench_to_base
 
 LONGEST_STEP_S = 0.010
 REASONABLE = 10.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
 from cabols_control.checks import BoolArray, FloatArray
-from cabols_control.pose_track import hear_pose, pose_track
+from cabols_control.poses.track import hear_pose, pose_track
 from cabols_control.rig import Rig
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.bridge.placing import place_cables_into

@@ -10,7 +10,7 @@ from numba import njit
 
 from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
 from cabols_control.checks import FloatArray
-from cabols_control.pose_track import place_platform
+from cabols_control.poses.track import place_platform
 from cabols_hw.force_torque.tool_weight import tool_weight_into
 
 

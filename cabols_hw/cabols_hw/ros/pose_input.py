@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.pose_track import pose_time
+from cabols_control.poses.track import pose_time
 from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, Input
 from cabols_control.ros.node import ControlNode

@@ -22,7 +22,7 @@ from cabols_control.ros.sessions import ModeInput
 from cabols_control.ros.stops import STOPPED, StopLatch
 from cabols_control.ros.threads.guarded_thread import GuardedThread
 from cabols_control.rotations import pose_matrix
-from cabols_control.serial_arm import read_serial_arm
+from cabols_control.serial_arms.arm import read_serial_arm
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode

@@ -16,7 +16,7 @@ from cabols_control.bringup.graph import PARTS
 from cabols_control.bringup.network_names import DOMAIN, domain_id
 from cabols_control.bringup.processes import GRACE_S, Ended, run
 from cabols_control.bringup.specs import ONE_BLAS_THREAD, NodeSpec
-from cabols_control.params_file import complete
+from cabols_control.parameters.file import complete
 from cabols_control.realtime.scheduling import may_limit_wake_up, may_use_fifo
 from cabols_hw.abb.heartbeat import SILENCE_S
 from cabols_sim.bringup_nodes import LOCKSTEP_WATCH_S, Ports, bench_graph

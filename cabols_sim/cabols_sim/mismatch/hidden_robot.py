@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.serial_arm import SerialArm
+from cabols_control.serial_arms.arm import SerialArm
 from cabols_sim.mismatch.settings import WAVES, Settings, Variety
 
 GRAVITY = np.array([0.0, 0.0, -9.80665])

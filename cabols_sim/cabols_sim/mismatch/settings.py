@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.serial_arm import SerialArm
+from cabols_control.serial_arms.arm import SerialArm
 
 STIFFNESS = np.array([966398.0, 731208.0, 317900.0, 13277.0, 7744.0, 2141.0])
 """Of the joints, means of the source's table 4.3 [N m/rad]."""

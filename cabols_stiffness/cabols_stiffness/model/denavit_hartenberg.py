@@ -33,7 +33,7 @@ from cabols_control.configuration import read_yaml
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.files.plain_numbers import plain_number
 from cabols_control.naming import number
-from cabols_control.serial_arm import SerialArm
+from cabols_control.serial_arms.arm import SerialArm
 from cabols_stiffness.data_files.cells import read_cells
 from cabols_stiffness.data_files.unit_words import ANGLE, LENGTH
 

@@ -19,7 +19,7 @@ from cabols_control.checks import BoolArray, FloatArray, finite_array, rotation_
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import rig_file
 from cabols_control.rotations import cross_matrix
-from cabols_control.serial_arm import NotSerialError, SerialArm, read_serial_arm
+from cabols_control.serial_arms.arm import NotSerialError, SerialArm, read_serial_arm
 from cabols_stiffness.model.denavit_hartenberg import ENDINGS, read_dh
 
 JOINTS = 6

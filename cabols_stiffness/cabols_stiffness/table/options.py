@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cabols_control.command_line import CommandParser
-from cabols_control.declared_parameters import docstring_of
+from cabols_control.parameters.declared import docstring_of
 from cabols_stiffness.model.model_words import LINEAR, Rung, model_word
 
 TASKS = {

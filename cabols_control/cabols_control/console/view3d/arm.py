@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cabols_control.serial_arm import NotSerialError, read_serial_arm
+from cabols_control.serial_arms.arm import NotSerialError, read_serial_arm
 
 
 class Arm(NamedTuple):

@@ -248,9 +248,9 @@ def layout_is_known() -> bool:
     fixed.flags.writeable = False
     for array in (plain, fixed, plain[:, ::2], np.arange(5, dtype=np.float32), plain.T):
         fields(array, array.ndim, found)
-        told = [id(type(array)), array.ctypes.data, array.ndim, id(array.dtype)]
-        told += [array.flags.num & WRITABLE, *array.shape]
-        if found[: len(told)].tolist() != told:
+        stated = [id(type(array)), array.ctypes.data, array.ndim, id(array.dtype)]
+        stated += [array.flags.num & WRITABLE, *array.shape]
+        if found[: len(stated)].tolist() != stated:
             return False
     number = 1.5
     fields(number, -1, found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cabols_control.serial_arm import SerialArm
+from cabols_control.serial_arms.arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations
 from cabols_hw.abb.heartbeat import SILENCE_S
 from cabols_sim.devices.abb.egm_server import DEFAULT_EGM_PORT, EgmServer

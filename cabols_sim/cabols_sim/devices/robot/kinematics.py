@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from cabols_control.checks import FloatArray, finite_array
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import RigFolder, rig_file
-from cabols_control.serial_arm import SerialArm, read_serial_arm
+from cabols_control.serial_arms.arm import SerialArm, read_serial_arm
 
 JOINTS = 6
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cabols_control.serial_arm import SerialArm
+from cabols_control.serial_arms.arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations
 from cabols_hw.ur.handshake import INPUTS, PLAYING, SILENCE_S
 from cabols_sim.devices.link import DeviceLink

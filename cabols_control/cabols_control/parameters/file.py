@@ -22,7 +22,7 @@ from cabols_control.bringup.specs import NodeSpec
 from cabols_control.bringup_nodes import OF_EVERY_NODE
 from cabols_control.command_line import DONE, CommandParser, command
 from cabols_control.errors import CabolsError, ConfigError
-from cabols_control.params_reader import (
+from cabols_control.parameters.reader import (
     SECTION,
     default_of,
     parameters_of,

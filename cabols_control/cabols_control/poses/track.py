@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import FloatArray
-from cabols_control.pose_filters import (
+from cabols_control.poses.filters import (
     POSE_FILTERS,
     hear_step,
     mean_of_filters,

@@ -29,7 +29,7 @@ from cabols_control.checks import FloatArray, finite_array
 from cabols_control.configuration import STRICT, within
 from cabols_control.errors import ConfigError
 from cabols_control.placement import Frame
-from cabols_control.wrench_frames import Axes, WrenchFrames, wrench_from_base
+from cabols_control.wrench_control.frames import Axes, WrenchFrames, wrench_from_base
 
 COVERAGE = 1.96
 """Standard deviations that hold 95 % of a normal distribution."""

@@ -12,9 +12,9 @@ from typing import Any
 from cabols_control.bringup.argument_text import check_value
 from cabols_control.bringup.graph import all_arguments, all_nodes
 from cabols_control.bringup.specs import Argument, NodeSpec
-from cabols_control.declared_parameters import DeclaredParameter, declared_parameters
 from cabols_control.errors import ConfigError
 from cabols_control.files.strict_yaml import parse, shown
+from cabols_control.parameters.declared import DeclaredParameter, declared_parameters
 from cabols_control.topics import NAMESPACE
 
 SECTION = "ros__parameters"
