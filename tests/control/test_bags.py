@@ -74,7 +74,8 @@ def limb_state(store, i, limbs=8, frame="base"):
 
 
 def mode(store, i, reason):
-    message = store.types[MODE](header(store, T0 + i * 1_000_000, ""), i % 5, reason, 2, "", 1, 1)
+    stamp, lifted = header(store, T0 + i * 1_000_000, ""), np.arange(8, dtype=np.uint64)
+    message = store.types[MODE](stamp, i % 5, reason, 2, "", 1, 1, lifted)
     return bytes(store.serialize_cdr(message, MODE))
 
 
@@ -537,7 +538,8 @@ def test_a_node_without_time_yet_does_not_shift_the_zero(tmp_path, store):
     with BagWriter(tmp_path / "run", {}) as writer:
         writer.add_topic("mode", MODE)
         writer.add_topic("wrench", WRENCH)
-        waiting = store.types[MODE](header(store, 0), 0, "", 0, "", 0, 0)
+        none = np.zeros(8, dtype=np.uint64)
+        waiting = store.types[MODE](header(store, 0), 0, "", 0, "", 0, 0, none)
         writer.write("mode", T0, T0, bytes(store.serialize_cdr(waiting, MODE)))
         writer.write("wrench", T0, T0, wrench(store, 3))
     found = read_bag(tmp_path / "run")

@@ -180,6 +180,8 @@ MAY_REMOVE = {
     "tests/bench/life_cycle.py": "bags and logs of its own starts that ended well",
     "tests/bench/bench_calibration.py": "its own rows, when asked to begin anew",
     "tests/bench/bench_pose_faults.py": "its own rows, when asked to begin anew",
+    "tests/bench/bench_one_process.py": "the run before, in its own folder",
+    "tests/bench/two_hosts.py": "an unfinished run of the same case, in its own folder",
     "tests/bench/bench_analysis.py": "bags that it has just written into its own folder",
 }
 

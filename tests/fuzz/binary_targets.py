@@ -63,6 +63,8 @@ def filled(message: Any, rng: np.random.Generator, length: int = 8) -> Any:
             setattr(message, name, float(rng.normal()))
         elif kind == "boolean":
             setattr(message, name, bool(rng.integers(2)))
+        elif kind.endswith("]"):
+            setattr(message, name, np.arange(len(value), dtype=value.dtype))
         elif kind.startswith(("int", "uint")):
             setattr(message, name, int(rng.integers(3)))
         elif kind == "sequence<double>":
