@@ -49,7 +49,7 @@ check-rig: setup  ## read a rig's files and say what was read: make check-rig AR
 browser:  ## find or install the Chromium that the console's tests drive
 	@"$(HOST_PYTHON)" tools/setup_browser.py
 
-test: setup browser  ## run the tests: pure ones, graphs three at a time, then those in real time alone
+test: setup browser  ## run the tests: pure ones, graphs two at a time, then those in real time alone
 	@$(BIN)/python tools/run_tests.py $(ARGS)
 
 test-long: setup  ## run the tests that take minutes

@@ -21,13 +21,12 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-BY_FILE = ("--dist", "loadfile", "--no-loadscope-reorder")
-"""A file at a time, in the order of tests/harness/longest_first.py."""
-TWO, THREE = ("-n", "2", *BY_FILE), ("-n", "3", *BY_FILE)
-"""Processes: pure tests compute all the time, graphs wait for a third of it."""
+TWO = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
+"""Two processes, a file at a time, in the order of tests/harness/longest_first.py. Graphs wait for a
+third of their time, but three at a time let a page or a supervisor starve for seconds."""
 PARTS = (
     ("not (ros or realtime)", TWO, ""),
-    ("ros and not realtime", THREE, "mark.ros"),
+    ("ros and not realtime", TWO, "mark.ros"),
     ("realtime", (), "mark.realtime"),
 )
 """Tests that run one part after the other, how pytest runs them, and what their files must name."""

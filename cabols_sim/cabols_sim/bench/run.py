@@ -106,7 +106,8 @@ def launched(values: Mapping[str, Any], given: Collection[str]) -> dict[str, Any
     """
     pace = forgiving(values["speed"])
     if values["lockstep"]:
-        pace["robot_watch"] = LOCKSTEP_WATCH_S
+        # The rig's time stands still while a process stalls, these two go by the computer's clock.
+        pace |= {"robot_watch": LOCKSTEP_WATCH_S, "state_timeout": LOCKSTEP_WATCH_S}
     return {**values, **{name: value for name, value in pace.items() if name not in given}}
 
 
