@@ -22,8 +22,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 TWO = ("-n", "2", "--dist", "loadfile", "--no-loadscope-reorder")
-"""Two processes, a file at a time, in the order of tests/harness/longest_first.py. Graphs wait for a
-third of their time, but three at a time let a page or a supervisor starve for seconds."""
+"""Two processes, a file at a time, in the order of tests/harness/longest_first.py. Graphs wait for
+a third of their time, but three at a time let a page or a supervisor starve for seconds."""
 PARTS = (
     ("not (ros or realtime)", TWO, ""),
     ("ros and not realtime", TWO, "mark.ros"),
