@@ -131,7 +131,8 @@ class ForkedPopen(_ORDINARY):
             *("c2pwrite", "errread", "errwrite", "restore_signals", "gid", "gids", "uid"),
             *("umask", "start_new_session", "process_group"),
         )
-        asked = dict(zip(names, given, strict=True))
+        # Python 3.10 does not know the last one.
+        asked = {"process_group": -1, **dict(zip(names, given, strict=False))}
         if (request := _request(asked)) is None:
             super()._execute_child(*given)
             return
