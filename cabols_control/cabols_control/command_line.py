@@ -99,6 +99,24 @@ def rig_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def text_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--output`, for a command whose result is one text."""
+    parser.add_argument("--output", type=Path, default=None, help="file; default: print it")
+
+
+def give_out(text: str, output: Path | None) -> None:
+    """Print a command's result, or write it to a file.
+
+    Args:
+        text: with its last line's end.
+        output: file that `--output` names; None: print.
+    """
+    if output is None:
+        print(text, end="")
+    else:
+        output.write_text(text, encoding="utf-8")
+
+
 def _rig(text: str) -> str:
     try:
         folder = find_rig(text)

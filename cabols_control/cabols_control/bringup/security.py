@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from xml.etree import ElementTree
 
 from cabols_control.bringup.graph import all_nodes
 from cabols_control.bringup.specs import NodeSpec, Role
-from cabols_control.command_line import DONE, CommandParser, command
+from cabols_control.command_line import DONE, CommandParser, command, give_out, text_option
 from cabols_control.services import LIFECYCLE, MANAGED, SERVICES
 from cabols_control.topics import FOREIGN, LIVE, NAMESPACE, TOPICS
 
@@ -148,13 +147,10 @@ def policy_text(nodes: Sequence[NodeSpec]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the policy; returns 0, or 2 for a wrong command line."""
     parser = CommandParser("security_policy", TEXT)
-    parser.add_argument("--output", type=Path, default=None, help="file; default: print it")
+    text_option(parser)
     options = parser.parse_args(arguments)
     text = policy_text(all_nodes())
-    if options.output is None:
-        print(text, end="")
-    else:
-        options.output.write_text(text, encoding="utf-8")
+    give_out(text, options.output)
     return DONE
 
 

@@ -11,10 +11,11 @@ from typing import Any
 from cabols_control.naming import number, place_name, reflector_name
 from cabols_control.supervision.faults import SENSOR_FAULTS, FaultName
 from cabols_control.supervision.modes import MOVING, NEXT, OperatingMode
+from cabols_control.supervision.supervision_config import SupervisionConfig
 
 SILENT_S = 3.5
 """Longest silence of a node, which reports on /diagnostics once a second [s]."""
-BRIDGES = ("plant", "q8_ati_bridge")
+BRIDGES = SupervisionConfig.bridges
 ROBOT = "abb_tracker_bridge"
 OK, WAIT, WARN, BAD, OFF = "ok", "wait", "warn", "fault", "off"
 WORDS = {OK: "running", WAIT: "waiting", WARN: "check", BAD: "FAULT", OFF: "silent"}

@@ -20,7 +20,7 @@ from cabols_control.bringup.argument_text import listed
 from cabols_control.bringup.graph import all_arguments, all_nodes, with_arguments
 from cabols_control.bringup.specs import NodeSpec
 from cabols_control.bringup_nodes import OF_EVERY_NODE
-from cabols_control.command_line import DONE, CommandParser, command
+from cabols_control.command_line import DONE, CommandParser, command, give_out, text_option
 from cabols_control.errors import CabolsError, ConfigError
 from cabols_control.parameters.reader import (
     SECTION,
@@ -222,13 +222,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default="rig",
         help="of rig.launch.py or bench.launch.py (default: %(default)s)",
     )
-    parser.add_argument("--output", type=Path, default=None, help="file; default: print it")
+    text_option(parser)
     options = parser.parse_args(arguments)
     text = params_text(launched_nodes(options.kind))
-    if options.output is None:
-        print(text, end="")
-    else:
-        options.output.write_text(text, encoding="utf-8")
+    give_out(text, options.output)
     return DONE
 
 

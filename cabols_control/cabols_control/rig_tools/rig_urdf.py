@@ -17,7 +17,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array
-from cabols_control.command_line import DONE, CommandParser, command, rig_option
+from cabols_control.command_line import (
+    DONE,
+    CommandParser,
+    command,
+    give_out,
+    rig_option,
+    text_option,
+)
 from cabols_control.errors import ConfigError
 from cabols_control.files.plain_numbers import plain_number
 from cabols_control.frames import RigFrames, load_frames
@@ -238,7 +245,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--ros2-control", action="store_true", help="with limbs as joints of ros2_control"
     )
-    parser.add_argument("--output", type=Path, default=None, help="file; default: print it")
+    text_option(parser)
     options = parser.parse_args(arguments)
     base = Frame(options.robot_position, options.robot_rotation_xyz_deg)
     root = rig_urdf(options.rig, base)
@@ -248,10 +255,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.no_shapes:
         _without_shapes(root)
     text = urdf_text(root)
-    if options.output is None:
-        print(text, end="")
-    else:
-        options.output.write_text(text, encoding="utf-8")
+    give_out(text, options.output)
     return DONE
 
 

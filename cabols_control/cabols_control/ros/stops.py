@@ -22,6 +22,7 @@ from cabols_control.ros.qos import topic_qos
 from cabols_control.stamps import set_time
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.stops import REMEMBERED, HeldStops
+from cabols_control.supervision.supervision_config import SupervisionConfig
 
 REPEAT_S = 0.05
 """Period of a stop's repetitions [s]."""
@@ -35,6 +36,8 @@ PRESSED = "emergency stop"
 """Why the rig stopped, for people; the log and the message on `stop` say who pressed."""
 STOPPED = Fault(FaultName.EMERGENCY_STOP, PRESSED)
 """Fault of a node that holds a stop."""
+STOPPERS = frozenset((*SupervisionConfig.bridges, "supervisor"))
+"""Nodes of which one suffices: a bridge has cut, the supervisor has latched FAULT."""
 SENDER_SIZE = 100
 """Of a sender's name this much is told [characters]."""
 
@@ -170,6 +173,14 @@ class StopSender:
         """
         with self._lock:
             return list(self._acknowledged.get(number, ()))
+
+    def stopped(self, number: int) -> bool:
+        """Whether a node has acknowledged a stop that suffices to stop the rig: see STOPPERS.
+
+        Args:
+            number: that press() returned.
+        """
+        return not STOPPERS.isdisjoint(self.acknowledged(number))
 
     def destroy(self) -> None:
         """Give up publisher and subscription; for the executor's thread."""

@@ -18,7 +18,7 @@ from cabols_control.result_code import REFUSALS
 from cabols_control.ros.rig_client.calls import ACTIONS, ONCE, SERVICES, RigCalls
 from cabols_control.ros.rig_client.running_action import JUDGED
 from cabols_control.ros.stops import ALONE_S, StopSender
-from cabols_control.supervision.supervisor import SupervisionConfig
+from cabols_control.supervision.supervision_config import SupervisionConfig
 
 BRIDGES = SupervisionConfig.bridges
 ANSWER_S = 5.0
@@ -32,8 +32,6 @@ REFUSED_S = 0.3
 REPEAT_S = 0.5
 """A request is sent again when there was no answer for this long [s]; some never are: ONCE."""
 STOP = "emergency_stop"
-STOPPERS = frozenset((*BRIDGES, "supervisor"))
-"""Nodes of which one suffices: a bridge has cut, the supervisor has latched FAULT."""
 TOLD_AFTER_S = 0.5
 """After a stop the page is told who has acknowledged it [s]."""
 CAMPAIGN = {key: f"{key}_stiffness_test" for key in ("pause", "resume", "abort", "report")}
@@ -79,27 +77,23 @@ class Calls:
         """
         number = stops.press("the console")
         loop = asyncio.get_running_loop()
-
-        def stopped() -> bool:
-            return bool(STOPPERS & set(stops.acknowledged(number)))
-
         alone, give_up = loop.time() + ALONE_S, loop.time() + ANSWER_S + MATCH_S
-        while not stopped() and loop.time() < alone:
+        while not stops.stopped(number) and loop.time() < alone:
             await asyncio.sleep(LOOK_AGAIN_S)
         answer = Answer(False, "the supervisor is silent")
-        if not stopped():
+        if not stops.stopped(number):
             asking = asyncio.ensure_future(self._ask(STOP, {}))
-            while not (asking.done() or stopped()) and loop.time() < give_up:
+            while not (asking.done() or stops.stopped(number)) and loop.time() < give_up:
                 await asyncio.sleep(LOOK_AGAIN_S)
             if asking.done():
                 answer = asking.result()
             asking.cancel()
         await asyncio.sleep(LOOK_AGAIN_S)
-        nodes = stops.acknowledged(number)
         loop.call_later(TOLD_AFTER_S, lambda: self._tell_of_stop(stops.acknowledged(number)))
-        if not STOPPERS & set(nodes):
+        if not stops.stopped(number):
             return answer
-        return Answer(True, f"stopped, acknowledged by {', '.join(nodes)}; call reset to go on")
+        nodes = ", ".join(stops.acknowledged(number))
+        return Answer(True, f"stopped, acknowledged by {nodes}; call reset to go on")
 
     def _tell_of_stop(self, nodes: list[str]) -> None:
         level = NOTICE if set(BRIDGES) & set(nodes) else WARNING

@@ -24,10 +24,11 @@ from cabols_control.ros.rig_client.errors import (
 from cabols_control.ros.rig_client.running_action import JUDGED, RunningAction, refusal
 from cabols_control.ros.stops import ALONE_S
 from cabols_control.supervision.modes import MOVING, OperatingMode
+from cabols_control.supervision.supervision_config import SupervisionConfig
 
 NODES = ("supervisor", "limb_controller", "wrench_controller")
 """Nodes of the control path, beside a bridge."""
-BRIDGES = ("plant", "q8_ati_bridge")
+BRIDGES = SupervisionConfig.bridges
 START_S = 180.0
 """Longest wait for nodes to run [s]; a first start compiles for a minute or two."""
 STEP_S = 40.0
@@ -341,20 +342,16 @@ class RigClient(RigConnection):
         """
         number = self.stops.press(self.node.get_name())
         give_up = time.monotonic() + timeout_s
-
-        def stopped() -> bool:
-            return bool(set(self.stops.acknowledged(number)) & {*BRIDGES, "supervisor"})
-
         alone = time.monotonic() + ALONE_S
         while time.monotonic() < alone:
-            if stopped():
+            if self.stops.stopped(number):
                 return
             time.sleep(self._poll_s)
         while (left := give_up - time.monotonic()) > ASK_AGAIN_S:
             with suppress(RigTimeoutError):
                 self.ask("emergency_stop", min(ASK_AGAIN_S, left))
                 return
-            if stopped():
+            if self.stops.stopped(number):
                 return
         self.ask("emergency_stop", max(left, 0.0))
 
