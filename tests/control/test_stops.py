@@ -9,10 +9,11 @@ from contextlib import suppress
 
 import pytest
 import rclpy
-from cabols_msgs.msg import Stop
+from cabols_msgs.msg import Mode, Stop
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from cabols_control.ros import transport
+from cabols_control.ros import stops, transport
+from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.stops import StopLatch, StopReceiver, StopSender
 from graph_harness import next_environment
 
@@ -123,3 +124,54 @@ def test_each_message_without_a_number_is_a_press(graph):
         receiver._hear(Stop(sender="typed by hand"))
     assert len({number for _, number in heard}) == 3
     assert all(number for _, number in heard)
+
+
+@pytest.mark.ros
+def test_a_press_that_was_lifted_is_repeated_no_more(graph, monkeypatch):
+    """A supervisor that starts within a second of its reset does not hear it as a new press."""
+    for name in ("LINGER_S", "GIVE_UP_S"):
+        monkeypatch.setattr(stops, name, 10.0 * PATIENCE_S)
+    before = graph.node("supervisor")
+    StopReceiver(before, lambda *_: None)
+    modes = before.create_publisher(Mode, "mode", topic_qos("mode"))
+    sender = StopSender(graph.node("console"))
+    number = sender.press("somebody")
+    (repeats,) = [t for t in threading.enumerate() if t.name == f"stop {number}"]
+    wait(lambda: sender.stopped(number))
+
+    def start_another(name):
+        heard = []
+        StopReceiver(graph.node(name), lambda _, number: heard.append(number))
+        return heard
+
+    modes.publish(Mode(mode=Mode.STOPPED, lifted=[number ^ 2, *[0] * 7]))
+    second = start_another("supervisor_2")
+    wait(lambda: second == [number])
+    modes.publish(Mode(mode=Mode.STOPPED, lifted=[number, *[0] * 7]))
+    wait(lambda: not repeats.is_alive())
+    third = start_another("supervisor_3")
+    another = sender.press("somebody else")
+    wait(lambda: third)
+    assert third == [another]
+    modes.publish(Mode(mode=Mode.STOPPED, lifted=[number, another, *[0] * 6]))
+    wait(lambda: not [t for t in threading.enumerate() if t.name == f"stop {another}"])
+
+
+@pytest.mark.ros
+def test_a_press_is_repeated_until_the_rig_has_stopped_whatever_a_mode_names(graph):
+    """Nobody has acknowledged it yet: no mode ends it."""
+    sender = StopSender(graph.node("console"))
+    number = sender.press("somebody")
+    sender._hear_mode(Mode(lifted=[number, *[0] * 7]))
+    heard = []
+    StopReceiver(graph.node("plant"), lambda _, number: heard.append(number))
+    wait(lambda: sender.stopped(number))
+    assert heard == [number]
+
+
+@pytest.mark.ros
+def test_lifted_numbers_of_others_are_not_kept(graph):
+    sender = StopSender(graph.node("console"))
+    for first in range(1, 20000, 8):
+        sender._hear_mode(Mode(lifted=list(range(first, first + 8))))
+    assert not sender._lifted

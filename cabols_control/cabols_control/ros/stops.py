@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from cabols_msgs.msg import Stop, StopReceived
+from cabols_msgs.msg import Mode, Stop, StopReceived
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
@@ -134,7 +134,9 @@ def draw_press() -> int:
 class StopSender:
     """Presses the stop, from any thread.
 
-    Acknowledgements arrive in the node's executor.
+    A press is repeated until a mode names it as lifted by a reset: a supervisor that starts later
+    would take a repetition for a new press. Acknowledgements and modes arrive in the node's
+    executor.
     """
 
     def __init__(self, node: Node) -> None:
@@ -143,10 +145,14 @@ class StopSender:
         self._context = node.context
         self._lock = threading.Lock()
         self._acknowledged: dict[int, list[str]] = {}
+        self._lifted: set[int] = set()
         self._publisher = node.create_publisher(Stop, "stop", topic_qos("stop"))
-        self._subscription = node.create_subscription(
-            StopReceived, "stop_received", self._hear, topic_qos("stop_received")
-        )
+        self._subscriptions = [
+            node.create_subscription(
+                StopReceived, "stop_received", self._hear, topic_qos("stop_received")
+            ),
+            node.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode")),
+        ]
 
     def press(self, sender: str) -> int:
         """Send a stop and go on repeating it; return its number.
@@ -159,10 +165,15 @@ class StopSender:
         number = int(message.number)
         with self._lock:
             while len(self._acknowledged) >= REMEMBERED:
-                self._acknowledged.pop(next(iter(self._acknowledged)))
+                oldest = next(iter(self._acknowledged))
+                self._acknowledged.pop(oldest)
+                self._lifted.discard(oldest)
             self._acknowledged[number] = []
         self._publisher.publish(message)
-        threading.Thread(target=self._repeat, args=(message, number), daemon=True).start()
+        name = f"stop {number}"
+        threading.Thread(
+            target=self._repeat, args=(message, number), name=name, daemon=True
+        ).start()
         return number
 
     def acknowledged(self, number: int) -> list[str]:
@@ -185,7 +196,8 @@ class StopSender:
     def destroy(self) -> None:
         """Give up publisher and subscription; for the executor's thread."""
         self._node.destroy_publisher(self._publisher)
-        self._node.destroy_subscription(self._subscription)
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
 
     def _repeat(self, message: Stop, number: int) -> None:
         until = time.monotonic() + GIVE_UP_S
@@ -194,11 +206,23 @@ class StopSender:
             time.sleep(REPEAT_S)
             if not lingers and self.acknowledged(number):
                 lingers, until = True, min(until, time.monotonic() + LINGER_S)
+            if self._is_over(number):
+                return
             try:
                 self._publisher.publish(message)
             except Exception:
                 # The publisher has been destroyed, or the context has ended.
                 return
+
+    def _is_over(self, number: int) -> bool:
+        """Whether a press has stopped the rig, and a reset has lifted it since."""
+        with self._lock:
+            lifted = number in self._lifted
+        return lifted and self.stopped(number)
+
+    def _hear_mode(self, message: Mode) -> None:
+        with self._lock:
+            self._lifted.update(self._acknowledged.keys() & {int(n) for n in message.lifted})
 
     def _hear(self, message: StopReceived) -> None:
         with self._lock:
