@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 # What `make` sets too, for who runs pytest by hand.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 # A test's bridge neither reads nor writes the biases of this computer's rigs.
-os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cabols_state_")
+STATE = tempfile.mkdtemp(prefix="cabols_state_")
+os.environ["XDG_STATE_HOME"] = STATE
 
 from cabols_control.rig import load_rig
 from cabols_hw.card.config import load_card
@@ -24,6 +26,11 @@ from outcome_counts import (  # noqa: F401
     pytest_ignore_collect,
     pytest_terminal_summary,
 )
+
+
+def pytest_unconfigure():
+    """Leave no folder behind."""
+    shutil.rmtree(STATE, ignore_errors=True)
 
 
 @pytest.fixture(scope="session")

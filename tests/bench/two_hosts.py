@@ -29,7 +29,7 @@ import numpy as np
 from hosts import NoHostsError, Wire, carried, two_hosts
 from record import write_figures
 
-from cabols_control.bags.reader import read_bag
+from cabols_control.bags.reader import BagError, read_bag
 from cabols_control.command_line import USAGE, fail
 from cabols_control.rig import load_rig
 from cabols_control.run_report.figures_of_merit import summarise
@@ -166,7 +166,12 @@ def run_case(case: Case, folder: Path, chosen: dict[str, Any]) -> dict[str, Any]
             launches = list(zip(hosts, (rig, control), strict=True))
         ended = _launch(folder, values, environment, launches)
         sent = [carried(words) for words, _ in launches if words]
-    row: dict[str, Any] = {"ended": ended, "frames_sent": sent, **_figures(folder / "bag")}
+    row: dict[str, Any] = {"ended": ended, "frames_sent": sent}
+    try:
+        row.update(_figures(folder / "bag"))
+    except BagError as error:
+        # A run in which nothing can be read of what the cables did has shown nothing.
+        return {**row, "bag": str(error), "completed": False, "as_expected": False}
     if case.wire is not None and not case.wire.plain:
         row["wire"] = asdict(case.wire)
     done = ended[-1]["codes"].get("load_program") == 0 and ended[-1]["first"] == "load_program"
@@ -213,7 +218,8 @@ def line(name: str, row: dict[str, Any]) -> str:
         value = row.get(key)
         cells += f"{'-' if value is None else f'{factor * value:.{digits}f}':>12}"
     outcome = "completed" if row["completed"] else "stopped"
-    return f"{name:24}{cells}  {outcome}" + ("" if row["as_expected"] else ": NOT as expected")
+    why = f" ({row['bag']})" if "bag" in row else ""
+    return f"{name:24}{cells}  {outcome}{why}" + ("" if row["as_expected"] else ": NOT as expected")
 
 
 def _figures(bag: Path) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cabols_control.bringup import argument_text
 from cabols_control.bringup.argument_text import others, read_argument, read_arguments
 from cabols_control.bringup.graph import all_arguments
 from cabols_control.bringup.network_names import domain_id
@@ -94,6 +95,17 @@ def test_home_is_expanded_and_what_is_named_is_there(tmp_path, monkeypatch):
 def test_what_does_not_exist_is_told(given, said):
     with pytest.raises(ConfigError, match=said):
         read_arguments(ARGUMENTS, given)
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_frames_need_a_package_that_not_every_installation_has(installed, monkeypatch):
+    monkeypatch.setattr(argument_text, "type_is_installed", lambda _: installed)
+    if installed:
+        assert read_arguments(ARGUMENTS, {"frames": "true"})["frames"] is True
+        return
+    assert read_arguments(ARGUMENTS, {"frames": "false"})["frames"] is False
+    with pytest.raises(ConfigError, match=r"frames: .* install ros-jazzy-tf2-msgs, or leave"):
+        read_arguments(ARGUMENTS, {"frames": "true"})
 
 
 def test_all_mistakes_are_told_at_once():

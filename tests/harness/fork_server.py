@@ -16,6 +16,7 @@ import ctypes
 import fcntl
 import gc
 import importlib
+import importlib.util
 import os
 import pickle
 import re
@@ -29,25 +30,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-IMPORTED = (
+BESIDE_NODES = (
     "cabols_control.bringup.processes",
-    "cabols_control.nodes.limb_controller",
-    "cabols_control.nodes.wrench_controller",
-    "cabols_control.nodes.load_program",
-    "cabols_control.nodes.pose_estimator",
-    "cabols_control.nodes.supervisor",
-    "cabols_control.nodes.recorder",
-    "cabols_control.nodes.console",
-    "cabols_control.nodes.markers",
     "cabols_control.nodes.commission",
-    "cabols_hw.nodes.abb_tracker_bridge",
-    "cabols_hw.nodes.q8_ati_bridge",
-    "cabols_stiffness.nodes.compensation",
-    "cabols_stiffness.nodes.stiffness_campaign",
-    "cabols_stiffness.nodes.stiffness_identifier",
+    "cabols_control.nodes.markers",
     "cabols_sim.devices.simulator",
-    "cabols_sim.nodes.plant",
+    "cabols_stiffness.nodes.compensation",
 )
+"""What is imported besides the nodes of launch files."""
 SET_BY_PYTHON = (signal.SIGPIPE, signal.SIGXFSZ)
 """Signals that every Python process ignores."""
 MOST_BYTES = 1 << 20
@@ -211,6 +201,13 @@ def run(words: list[str]) -> None:
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 
 
+def modules() -> list[str]:
+    """Names of what is imported: the modules of all nodes that launch files start, and some more."""
+    graph = importlib.import_module("cabols_control.bringup.graph")
+    nodes = [f"{node.package}.nodes.{node.executable}" for node in graph.all_nodes()]
+    return [*filter(importlib.util.find_spec, nodes), *BESIDE_NODES]
+
+
 def threads() -> int:
     """Threads of this process."""
     return sum(1 for _ in Path("/proc/self/task").iterdir())
@@ -224,7 +221,7 @@ def main() -> Any:
     importlib.import_module("rclpy")
     # The tracer's, which sleep until a daemon comes; a forked process gets its own.
     listeners = threads()
-    for name in IMPORTED:
+    for name in modules():
         importlib.import_module(name)
     if threads() != listeners:
         raise RuntimeError(f"imports started {threads() - listeners} threads, which no fork keeps")

@@ -21,7 +21,7 @@ from cabols_control.geometry import MIN_CABLES
 from cabols_control.load_programs.programs import BUILT_IN, load_program
 from cabols_control.rig_folder import find_rig
 from cabols_control.tension import check_method
-from cabols_control.topics import foreign_row, type_is_installed
+from cabols_control.topics import FOREIGN, foreign_row, type_is_installed
 
 TRUTH = {"true": True, "false": False}
 WHOLE = re.compile(r"[+-]?[0-9]+")
@@ -30,6 +30,8 @@ PATHS = ("output", "campaigns", "uploads", "campaign_folder")
 LAUNCH_FILES = ("bench.launch.py", "rig.launch.py")
 WRITTEN = ("bias_file",)
 """Files that a run may make."""
+NEEDED_TYPES = {"frames": FOREIGN["/tf"].type_name}
+"""Message types that a flag needs, of packages that not every installation has."""
 
 
 def read_arguments(
@@ -176,7 +178,13 @@ def _unknown(name: str, names: Sequence[str]) -> str:
 
 
 def _look_up(name: str, value: Any) -> None:
-    """Find what a value names, while an answer can still be given at once."""
+    """Find what a value names or needs, while an answer can still be given at once."""
+    if value is True and name in NEEDED_TYPES and not type_is_installed(NEEDED_TYPES[name]):
+        package = NEEDED_TYPES[name].partition("/")[0]
+        raise ConfigError(
+            f"{name}: expected the package {package}, found none; install "
+            f"ros-jazzy-{package.replace('_', '-')}, or leave {name} out"
+        )
     if not value or not isinstance(value, str):
         return
     if name.endswith("_file") and name not in WRITTEN and not Path(value).is_file():
