@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from cabols_control import end_signals
 from cabols_control.command_line import USAGE, fail
-from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.errors import CabolsError
 from cabols_control.realtime.kernel_signatures import compiled_since, specialisations
 from cabols_control.realtime.scheduling import (
     apply_scheduling,
@@ -29,6 +29,7 @@ from cabols_control.ros import topics, transport
 from cabols_control.ros.ending import EndedEarly, EndRequest, go_on, take_requests
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Output
+from cabols_control.ros.own_time import keep_own_time
 from cabols_control.ros.parameters import (
     declare,
     declare_lockstep,
@@ -37,6 +38,7 @@ from cabols_control.ros.parameters import (
     declare_scheduling,
 )
 from cabols_control.ros.roles import RoleCheck
+from cabols_control.ros.slow_start import told_if_slow
 from cabols_control.ros.status.diagnostics import Diagnostics, Health
 from cabols_control.ros.status.loop_log import LoopLog
 from cabols_control.ros.status.statistics import Durations
@@ -170,11 +172,7 @@ class ControlNode(Node):
         """
         go_on()
         super().__init__(name, namespace=NAMESPACE)
-        if self.get_parameter("use_sim_time").value:
-            raise ConfigError(
-                "use_sim_time: expected false, got true: time-outs and stamps follow the bridge's "
-                "samples, in slow motion and in lockstep too, and not /clock; leave it out"
-            )
+        keep_own_time(self)
         self.rig_folder = declare_rig_folder(self)
         self.rig = declare_rig(self, self.rig_folder)
         self.lockstep = declare_lockstep(self)
@@ -308,7 +306,7 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
     end = take_requests()
     try:
         transport.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        with end.at_once(getattr(factory, "starts_harmlessly", False)):
+        with end.at_once(getattr(factory, "starts_harmlessly", False)), told_if_slow():
             node = factory()
             node.check_role()
     except (CabolsError, ParameterException, *ROS_ARGUMENT_ERRORS) as error:
