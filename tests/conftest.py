@@ -13,8 +13,7 @@ import pytest
 # What `make` sets too, for who runs pytest by hand.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 # A test's bridge neither reads nor writes the biases of this computer's rigs.
-STATE = tempfile.mkdtemp(prefix="cabols_state_")
-os.environ["XDG_STATE_HOME"] = STATE
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cabols_state_")
 
 from cabols_control.rig import load_rig
 from cabols_hw.card.config import load_card
@@ -26,6 +25,8 @@ from outcome_counts import (  # noqa: F401
     pytest_ignore_collect,
     pytest_terminal_summary,
 )
+
+STATE = os.environ["XDG_STATE_HOME"]
 
 
 def pytest_unconfigure():

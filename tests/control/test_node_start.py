@@ -49,7 +49,8 @@ def test_a_running_node_refuses_simulated_time(make, value):
     assert node.get_clock().now().nanoseconds >= before > 0
     (kept,) = node.set_parameters([Parameter("use_sim_time", value=False)])
     (other,) = node.set_parameters([Parameter("site", value="here")])
-    assert kept.successful and other.successful
+    assert kept.successful
+    assert other.successful
 
 
 def test_a_start_in_simulated_time_is_refused(make):

@@ -202,7 +202,7 @@ def run(words: list[str]) -> None:
 
 
 def modules() -> list[str]:
-    """Names of what is imported: the modules of all nodes that launch files start, and some more."""
+    """Names of what is imported: the modules of all nodes of launch files, and some more."""
     graph = importlib.import_module("cabols_control.bringup.graph")
     nodes = [f"{node.package}.nodes.{node.executable}" for node in graph.all_nodes()]
     return [*filter(importlib.util.find_spec, nodes), *BESIDE_NODES]
