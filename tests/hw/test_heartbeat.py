@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from abb_harness import quiet_port, running_controller, wait_until
+from cabols_control.supervision.held_load import taut_limbs
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.supervision.senders import NODES
-from cabols_hw.abb.heartbeat import BEAT, MODE_AGE_S, STATE_AGE_S, Heartbeat, RigHealth
+from cabols_hw.abb.heartbeat import BEAT, MODE_AGE_S, STATE_AGE_S, Heartbeat, Motion, RigHealth
 from cabols_hw.abb.speed_limit import FREE_N, allowed_speed
 from cabols_hw.safety.config import load_safety
 from cabols_sim.devices.abb.rapid import RIG_SILENT
@@ -46,6 +47,40 @@ def test_fault_of_the_rig_or_of_a_node_stops_the_heart():
     assert health.trouble(0.0) == ""
     health.hear_mode(0.0, OperatingMode.FAULT)
     assert "FAULT" in health.trouble(0.0)
+
+
+def test_robot_stands_in_stopped_while_a_cable_pulls():
+    """Gears hold what a cut has left: the robot would stretch the cables."""
+    tension, zeroed = np.full(8, 6.0), np.ones(8, dtype=bool)
+    closed = np.zeros(8, dtype=bool)
+    assert taut_limbs(tension, zeroed, closed) == ""
+    assert taut_limbs(np.full(8, np.nan), ~zeroed, closed) == ""
+    tension[3] = 11.0
+    closed[6] = True
+    taut = taut_limbs(tension, zeroed, closed)
+    assert taut == "limbs 4 and 7"
+    health = well()
+    health.hear_state(0.0, taut)
+    assert health.trouble(0.0) == "", "in FREE_MOVING the cables follow"
+    health.hear_mode(0.0, OperatingMode.STOPPED)
+    assert "limbs 4 and 7 pull" in health.held()
+    assert "limbs 4 and 7 pull" in health.trouble(0.0, moves=True)
+    assert health.trouble(0.0) == "", "a robot that stands keeps its heartbeat"
+    health.hear_state(0.0)
+    assert health.trouble(0.0, moves=True) == health.held() == ""
+
+
+def test_motion_is_told_from_the_noise_of_a_robot_that_stands():
+    random, motion = np.random.default_rng(3), Motion()
+    joints = random.normal(size=6)
+    told = [motion.hear(0.02 * k, joints + 2e-5 * random.normal(size=6)) for k in range(100)]
+    assert not any(told)
+    told = [motion.hear(2.0 + 0.02 * k, joints + 0.01 * 0.02 * k) for k in range(100)]
+    assert told.index(True) <= 4
+    assert all(told[4:])
+    motion.hear(10.0, joints)
+    assert not motion.hear(10.1, joints)
+    assert motion.hear(10.2, joints * np.nan), "what is no number does not stand"
 
 
 def test_report_of_a_node_that_is_gone_does_not_count_for_ever():

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.fault_campaign.in_process.kinds import generated_kinds
+from cabols_sim.fault_campaign.in_process.summary import SENSOR_RANGE
 from cabols_sim.fault_campaign.in_process.trials import Bench, run_trial
 
 OFF_WITHIN_S = 0.003
@@ -205,3 +206,71 @@ def test_pose_that_lies_before_it_is_found_does_not_guide_the_unloading(bench, r
     assert torque < 10.0
     assert peak < 80.0
     assert rig.plant.tension.max() < 10.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("factor", [4.448, 9.81, -1.0, 0.0])
+def test_wrench_that_a_wrong_controller_swings_stays_within_the_sensor(bench, factor, seed):
+    """It takes the sensor for one of other units: cables let go as fast as others are wound in."""
+    rig = bench.prepare("loading", seed, np.random.default_rng(seed))
+    right = rig.wrenches.to_base_axes
+    rig.wrenches.to_base_axes = lambda wrench: factor * right(wrench)
+    most = np.zeros(6)
+    for _ in range(1500):
+        rig.cycle()
+        most = np.maximum(most, np.abs(rig.plant.wrench))
+    assert (most <= SENSOR_RANGE).all()
+    assert factor > 1.0 or rig.guard.fault is not None
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("tared", [True, False])
+def test_pose_that_drifts_while_pre_tightened_limbs_wait_is_found_by_the_sensor(bench, seed, tared):
+    """Limbs follow the pose, and the platform stands: 95 N, and a saturated sensor, before."""
+    rig = bench.zeroed(seed)
+    if not tared:
+        # A bias that was refused, as by zeros of a drifting pose.
+        rig.bridge.sensor_tare.bias = None
+        rig.bridge._use_bias()
+    way = np.random.default_rng(seed).normal(size=3)
+    way *= 0.015 / np.linalg.norm(way)
+    began_s = rig.now_s
+    rig.change_pose = lambda where, turn: (where + way * (rig.now_s - began_s), turn)
+    peak = 0.0
+    for _ in range(4000):
+        rig.cycle()
+        peak = max(peak, rig.plant.tension.max())
+        if rig.guard.fault is not None:
+            break
+    assert rig.guard.fault.name == "estimate"
+    assert peak < 45.0
+
+
+@pytest.mark.parametrize("state", ["started", "robot moves", "path under load"])
+def test_recovery_that_makes_a_load_larger_is_given_up(bench, state):
+    """A motor whose encoder stands still is paid out by its current; its amplifier drives it."""
+    random = np.random.default_rng(3)
+    rig = bench.prepare(state, 1, random)
+    limb = int(np.argmax(rig.plant.tension))
+    rig.plant.inject("encoder_frozen", limb)
+    rig.plant.inject("amplifier_offset", limb, 0.8)
+    peak = 0.0
+    for _ in range(1500):
+        rig.cycle()
+        peak = max(peak, rig.plant.tension.max())
+    assert rig.guard.fault is not None
+    assert not rig.guard.recovering
+    assert peak < 150.0
+
+
+@pytest.mark.parametrize("state", ["stopped", "free"])
+def test_robot_stands_where_gears_hold_a_cable(bench, state):
+    """Nothing follows it in STOPPED: 843 N."""
+    rig = bench.prepare(state, 0, np.random.default_rng(5))
+    rig.mode = OperatingMode.STOPPED
+    rig.robot.move(0.06 * np.array([0.0, 0.6, 0.8]))
+    before, peak = rig.plant.tension.max(), 0.0
+    for _ in range(2500):
+        rig.cycle()
+        peak = max(peak, rig.plant.tension.max())
+    assert peak < min(before + 75.0, 150.0)

@@ -9,12 +9,20 @@ import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
 from cabols_control.kinematics import structure_matrix
-from cabols_control.load_programs.preview import ShapedProgram
+from cabols_control.load_programs.preview import LONGEST_S, ShapedProgram, designed_response
 from cabols_control.load_programs.programs import LoadProgram
+from cabols_control.load_programs.stopping import gained_until_stopped, saturating_current
 from cabols_control.rig import Rig
 from cabols_control.tension import DEFAULT_WEIGHTS, FEASIBLE, TensionResolver
 
 PREVIEW_POINTS = 240
+GAIN_SHARE = 1.5
+"""By which what is gained until a motor stands is taken larger: fast wrenches overshoot."""
+CURRENT_SHARE = 1.0
+"""Share of the current limit that a programme may take for a while."""
+MOVING_SHARE = 0.97
+"""Share of the envelope's limits that may be reached before the motors can be stopped: there is
+noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +76,8 @@ class ProgramCheck:
             )
         asked = np.array2string(self.program.wrench[self.worst], precision=1)
         return (
-            f"{name}: beyond the sensor's range or the safety envelope at {time_s:g} s: "
-            f"{asked} N, N m"
+            f"{name}: beyond the sensor's range or the safety envelope at {time_s:g} s, or too "
+            f"fast for the motors to follow or to be stopped before: {asked} N, N m"
         )
 
     def preview(self) -> IntArray:
@@ -125,6 +133,9 @@ def check_shaped(
 ) -> ProgramCheck:
     """Check what the platform will feel, and what the cables are asked for on the way.
 
+    The bridge's limits hold for what will be reached before the motors can be stopped, and for how
+    long a motor may be at its current limit: so must what the platform will feel.
+
     Args:
         rig: geometry, limits, gains.
         shaped: programme as it is followed.
@@ -133,17 +144,53 @@ def check_shaped(
 
     Returns:
         Check of the smoothed programme; `reached` is False also where the cables cannot give the
-        control signal that a preview takes.
+        control signal that a preview takes, `rated` where the motors cannot follow or be stopped.
 
     Raises:
         ShapeError: if the pose has another shape or is not finite.
     """
     found = check_program(rig, shaped.smoothed, position, rotation)
+    pose = position, rotation
     if shaped.reference is shaped.smoothed:
-        return found
+        if not (found.feasible and found.program.duration <= LONGEST_S):
+            return found
+        felt = designed_response(shaped.smoothed, rig.control)
+        on_the_way = check_program(rig, felt, *pose)
+        within = on_the_way.reached & on_the_way.rated & _can_be_stopped(rig, on_the_way, *pose)
+        # The points of the programme stand for the time up to the next one.
+        late = np.searchsorted(found.program.time, felt.time[~within], side="right") - 1
+        rated = found.rated.copy()
+        rated[np.clip(late, 0, rated.size - 1)] = False
+        return replace(found, rated=rated)
     asked = check_program(rig, shaped.control(rig.gains), position, rotation)
     return replace(
         found,
         reached=found.reached & asked.reached,
+        rated=found.rated & _can_be_stopped(rig, found, *pose),
         missed=np.maximum(found.missed, asked.missed),
     )
+
+
+def _can_be_stopped(
+    rig: Rig, found: ProgramCheck, position: FloatArray, rotation: FloatArray
+) -> BoolArray:
+    """(k,) bool, whether the motors follow, and can be stopped before the envelope's limits.
+
+    Args:
+        rig: geometry, limbs, envelope.
+        found: of a programme with a point per millisecond.
+        position: (3,) platform's origin in the base frame [m].
+        rotation: (3, 3) from platform to base axes.
+    """
+    current = saturating_current(rig, found.tension)
+    within = np.asarray(current <= CURRENT_SHARE * rig.control.current_limit)
+    if rig.envelope is None:
+        return within
+    gained = GAIN_SHARE * gained_until_stopped(rig, found.tension)
+    added = gained @ structure_matrix(rig.geometry, position, rotation).T
+    wrench = found.program.wrench + added
+    local = np.hstack([wrench[:, :3] @ rotation, wrench[:, 3:] @ rotation])
+    tension = (found.tension + gained).max(axis=1)
+    within &= tension <= MOVING_SHARE * rig.envelope.tension_max
+    within &= (np.abs(local) <= MOVING_SHARE * rig.envelope.wrench_max).all(axis=1)
+    return within

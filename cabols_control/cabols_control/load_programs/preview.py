@@ -30,6 +30,8 @@ DERIVATIVES = 3
 """Each reaches one point farther."""
 LONGEST_S = 3600.0
 """Longest programme that is shaped, at a point per millisecond [s]: a gigabyte and 20 s of work."""
+SETTLED_S = 0.5
+"""After its last point a wrench that is followed by feedback alone has arrived [s]."""
 BOX_BANDWIDTH = 0.2266
 """-3 dB of BOXES moving averages of a width T, times T: sinc(x)^4 = 1 / sqrt(2)."""
 
@@ -76,6 +78,28 @@ class ShapedProgram:
 def as_given(program: LoadProgram) -> ShapedProgram:
     """Return a programme that is followed by feedback alone: by the designed response."""
     return ShapedProgram(program, program, program, lead=0.0, bandwidth=np.inf)
+
+
+def designed_response(program: LoadProgram, design: ControlConfig) -> LoadProgram:
+    """Return what the platform feels of a programme by feedback alone: by G of (3.26).
+
+    Args:
+        program: as given.
+        design: poles and zero of the wrench's response.
+
+    Returns:
+        The response, a point per millisecond, until it has settled.
+    """
+    points = int(np.ceil((program.duration + SETTLED_S) / PERIOD_S)) + 1
+    # It begins without a load, whatever the first point asks for.
+    time = _clock(-1, points)
+    first, *others = design.poles
+    found = program.sample(time)
+    lead = abs(first) / abs(design.zero)
+    found = lead * found + (1.0 - lead) * _lag(found, 1.0 / abs(first))
+    for pole in others:
+        found = _lag(found, 1.0 / abs(pole))
+    return LoadProgram(program.name, time[1:], found[1:], held=False)
 
 
 def smoothed_rise_time(design: ControlConfig) -> float:

@@ -14,6 +14,20 @@ STEP_N = 5.0
 """What is said is rounded, so that noise changes nothing [N]."""
 
 
+def taut_limbs(tension: FloatArray, zeroed: BoolArray, closed: BoolArray) -> str:
+    """Names of the limbs that pull; empty if none does, as far as is known.
+
+    A robot that moves would stretch their cables while the motors are off: gears hold.
+
+    Args:
+        tension: (n,) estimates [N]; they count where there is a zero.
+        zeroed: (n,) whether there is.
+        closed: (n,) switches.
+    """
+    taut = np.flatnonzero(closed | (zeroed & (tension > HELD_N)))
+    return limb_names(taut) if taut.size else ""
+
+
 def held_text(tension: FloatArray, zeroed: BoolArray, closed: BoolArray, force: float) -> str:
     """Tell what the gears hold; empty where the cables are known to be unloaded.
 

@@ -15,6 +15,9 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
+import numpy as np
+
+from cabols_control.checks import FloatArray
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.supervision.senders import make_room
 
@@ -27,8 +30,39 @@ STATE_AGE_S = 0.15
 """Largest age of the newest limb state; the slow copy comes every 45 ms [s]."""
 MODE_AGE_S = 0.3
 """Largest age of the newest mode, which the supervisor repeats [s]."""
+WINDOW_S, LONGEST_WINDOW_S = 0.04, 0.5
+"""Times between two looks at the robot's joints by which it moves or stands [s]."""
+STANDS_RAD_S = 0.003
+"""Fastest joint of a robot that stands [rad/s]: a few millimetres a second at its tool."""
 REPORT_AGE_S = 1.5
 """Age at which a node's report of a fault counts no longer [s]."""
+
+
+class Motion:
+    """Whether a robot moves, by its joints; pure."""
+
+    def __init__(self) -> None:
+        """Start without joints: at rest, as far as is known."""
+        self._began_s = np.nan
+        self._joints = np.zeros(0)
+        self._moves = False
+
+    def hear(self, now_s: float, joints: FloatArray) -> bool:
+        """Take newest joints; return whether they move.
+
+        Args:
+            now_s: now [s].
+            joints: (k,) [rad].
+        """
+        elapsed_s = now_s - self._began_s
+        if not elapsed_s <= LONGEST_WINDOW_S or joints.shape != self._joints.shape:
+            # Nothing near enough to compare with: the next ones tell.
+            self._began_s, self._joints = now_s, np.array(joints)
+        elif elapsed_s >= WINDOW_S:
+            turned = float(np.abs(joints - self._joints).max(initial=0.0))
+            self._moves = not turned <= STANDS_RAD_S * elapsed_s
+            self._began_s, self._joints = now_s, np.array(joints)
+        return self._moves
 
 
 class RigHealth:
@@ -43,15 +77,17 @@ class RigHealth:
         self._slowness = slowness
         self._state_s = self._mode_s = -1e9
         self._mode: OperatingMode | None = None
+        self._taut = ""
         self._faults: dict[str, float] = {}
 
-    def hear_state(self, now_s: float) -> None:
+    def hear_state(self, now_s: float, taut: str = "") -> None:
         """Note a limb state.
 
         Args:
             now_s: now [s].
+            taut: names of the limbs that pull; empty if none does.
         """
-        self._state_s = now_s
+        self._state_s, self._taut = now_s, taut
 
     def hear_mode(self, now_s: float, mode: OperatingMode) -> None:
         """Note a mode.
@@ -76,11 +112,21 @@ class RigHealth:
         else:
             self._faults.pop(node, None)
 
-    def trouble(self, now_s: float) -> str:
+    def held(self) -> str:
+        """Why the robot must not move where no cable follows it; empty if it may.
+
+        In STOPPED the gears hold: 100 N that a cut has left on a cable are 150 N after 11 mm.
+        """
+        if self._mode != OperatingMode.STOPPED or not self._taut:
+            return ""
+        return f"{self._taut} pull, and no cable follows in STOPPED: enter FREE_MOVING"
+
+    def trouble(self, now_s: float, moves: bool = False) -> str:
         """Why the robot must not move; empty if it may.
 
         Args:
             now_s: now [s].
+            moves: whether it does; one that stands may be told so by the answer to its next motion.
         """
         if not now_s - self._state_s <= STATE_AGE_S * self._slowness:
             return "no limb state arrives"
@@ -88,6 +134,8 @@ class RigHealth:
             return "no mode arrives"
         if self._mode == OperatingMode.FAULT:
             return "the mode is FAULT"
+        if moves and self._taut and self._mode == OperatingMode.STOPPED:
+            return self.held()
         recent = [n for n, t in self._faults.copy().items() if now_s - t <= REPORT_AGE_S]
         return f"{' and '.join(recent)} in FAULT" if recent else ""
 

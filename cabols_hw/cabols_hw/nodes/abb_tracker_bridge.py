@@ -14,6 +14,7 @@ from cabols_msgs.action import FollowPath, MeasureReflector, MoveToConfiguration
 from cabols_msgs.msg import ReflectorMeasurement
 from rclpy.serialization import serialize_message
 
+from cabols_control.checks import FloatArray
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.node import ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
@@ -110,6 +111,7 @@ class AbbTrackerBridge(ControlNode):
         watched = isinstance(self._robot, AbbRobot)
         self._watch = RobotWatch(self, address, speed, self._configurations, watched)
         self._stream.on_mode = self._watch.hear_mode
+        self._watch.joints = self._newest_joints
         return speed
 
     def begin(self) -> None:
@@ -156,8 +158,12 @@ class AbbTrackerBridge(ControlNode):
             self.get_logger().error(f"in FAULT: {error}")
 
     def _joints(self) -> list[float]:
+        newest = self._newest_joints()
+        return [] if newest is None else newest.tolist()
+
+    def _newest_joints(self) -> FloatArray | None:
         newest = self._stream.newest
-        return [] if newest is None else newest.joints.tolist()
+        return None if newest is None else newest.joints
 
     def _forbidden(self) -> str:
         """Why the robot may not move in this mode; empty if it may."""
@@ -169,7 +175,7 @@ class AbbTrackerBridge(ControlNode):
         if present not in MAY_MOVE:
             allowed = " or ".join(mode.name for mode in MAY_MOVE)
             return f"the mode is {present.name}, expected {allowed}"
-        return ""
+        return self._watch.held()
 
     def _judge_move(self, request: Any) -> Refusal | None:
         if self._motion is not None:

@@ -4,18 +4,22 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from cabols_msgs.msg import LoopStatus
 
+from cabols_control.cdr import LayoutError
+from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
 from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.parameters import declare_row
 from cabols_control.ros.qos import topic_qos
+from cabols_control.supervision.held_load import taut_limbs
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import RobotConfigurations
-from cabols_hw.abb.heartbeat import Heartbeat, RigHealth
+from cabols_hw.abb.heartbeat import Heartbeat, Motion, RigHealth
 from cabols_hw.abb.speed_limit import allowed_speed
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import load_card
@@ -23,7 +27,11 @@ from cabols_hw.safety.config import load_safety
 
 
 class RobotWatch:
-    """Beats while limb states and modes arrive and no node of the control path is in FAULT."""
+    """Beats while limb states and modes arrive and no node of the control path is in FAULT.
+
+    Attributes:
+        joints: newest joints of the robot, (k,) [rad]; None: none.
+    """
 
     def __init__(
         self,
@@ -46,16 +54,20 @@ class RobotWatch:
             ConfigError: if the robot is too fast for a watch of this silence.
         """
         self._node = node
+        self._motion = Motion()
+        self.joints: Callable[[], FloatArray | None] = lambda: None
         _check_speed(node, configurations)
         port = declare_row(node, HW_NODES.argument("heartbeat_port"))
         self._health = RigHealth(1.0 / speed)
         self._heart = Heartbeat(address, port, self._trouble) if port and watched else None
-        if node.lockstep or self._heart is None:
+        if node.lockstep:
             # A lockstep clock counts the readers of its topics; nothing is late there.
             return
-        kind = topics.TYPES["limb_state"]
+        self._layout = topics.limb_state_layout(node.rig.geometry)
         name = live_name("limb_state")
-        node.create_subscription(kind, name, self._hear_state, topic_qos(name), raw=True)
+        node.create_subscription(
+            self._layout.msg_type, name, self._hear_state, topic_qos(name), raw=True
+        )
         node.create_subscription(
             LoopStatus, "loop_status", self._hear_report, topic_qos("loop_status")
         )
@@ -86,14 +98,28 @@ class RobotWatch:
             return ""
         if not self._heart.connected:
             return "the robot's watch does not answer: is cabols_watch.mod loaded, its port open?"
-        return self._trouble()
-
-    def _trouble(self) -> str:
         return "" if self._node.lockstep else self._health.trouble(time.monotonic())
 
+    def held(self) -> str:
+        """Why the robot must not move where no cable follows it; empty if it may."""
+        return self._health.held()
+
+    def _trouble(self) -> str:
+        if self._node.lockstep:
+            return ""
+        # In the heart's own thread alone, which looks at the joints again and again.
+        now_s, joints = time.monotonic(), self.joints()
+        moves = joints is not None and self._motion.hear(now_s, joints)
+        return self._health.trouble(now_s, moves)
+
     def _hear_state(self, raw: bytes) -> None:
-        del raw
-        self._health.hear_state(time.monotonic())
+        try:
+            state = self._layout.read(raw)
+        except LayoutError:
+            # Not of this rig: it says nothing of its limbs.
+            return
+        flags = (state[name].astype(bool) for name in ("zeroed", "switch_closed"))
+        self._health.hear_state(time.monotonic(), taut_limbs(state["tension"], *flags))
 
     def _hear_report(self, message: LoopStatus) -> None:
         if message.node != self._node.get_name():

@@ -13,6 +13,7 @@ from cabols_control.supervision.modes import LOADED, MOVING, OperatingMode
 from cabols_hw.bridge.braking import STILL_M_S, STOP_TIME_S
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety import limb_rules, rules
+from cabols_hw.safety.changes import ChangeWatch
 from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.faults import AXES, POSE_LOST, BridgeFault, same_kind
 from cabols_hw.safety.limb_faults import alone_missing, cable_or_switch, limb_fault
@@ -21,7 +22,7 @@ from cabols_hw.safety.rules import Rule
 from cabols_hw.safety.search import SearchWatch
 from cabols_hw.safety.surges import CERTAIN_AS, SURGE_SAMPLES, SURPLUS_AS
 
-BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING)
+BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING, OperatingMode.PRETIGHTENING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
 SEARCHING = (OperatingMode.PRETIGHTENING, OperatingMode.FREE_MOVING)
 """Modes in which limbs without a zero wind in until their switches close."""
@@ -69,6 +70,7 @@ class SafetyEnvelope:
         self._mode = OperatingMode.STOPPED
         self._relief_left_s = 0.0
         self._search = SearchWatch(n, config.pretension_force)
+        self._changes = ChangeWatch(config)
         self._last_volts = np.full(6, np.nan)
         self._since_flat = np.zeros(6)
         self._last_s = np.nan
@@ -206,6 +208,8 @@ class SafetyEnvelope:
         sensor = self._judge_sensor(dt_s, bridge)
         if not moving:
             self._note_overload(sensor, bridge)
+        if not moving or bridge.tared:
+            self._changes.begin()
         if self._pose.anew:
             # As at a start: nothing is known of cables that were held while the robot was set up.
             self._pose.anew = False
@@ -221,10 +225,9 @@ class SafetyEnvelope:
         if relieves and sensor is not None and sensor.name == OVERLOAD:
             sensor = None
         found = limbs or sensor or self._pose.judge(now_s, mode)
-        if found is None and bridge.tared and not relieves:
-            found = self._judge_wrench(dt_s, bridge, mode)
-        elif found is None and not relieves and mode in SEARCHING and not bridge.zeroed.all():
-            found = self._search.judge(bridge, mode)
+        if found is None and not relieves:
+            judge = self._judge_wrench if bridge.tared else self._judge_changes
+            found = judge(dt_s, bridge, mode)
         return found
 
     def _note_overload(self, sensor: BridgeFault | None, bridge: Bridge) -> None:
@@ -356,6 +359,15 @@ class SafetyEnvelope:
                 f"{self._config.estimate_force:g} N or {self._config.estimate_torque:g} N m",
             )
         return None
+
+    def _judge_changes(
+        self, dt_s: float, bridge: Bridge, mode: OperatingMode
+    ) -> BridgeFault | None:
+        """Judge what a sensor without a bias can tell."""
+        if bridge.zeroed.all():
+            return self._changes.judge(dt_s, bridge) if mode in BY_TENSION else None
+        self._changes.begin()
+        return self._search.judge(bridge, mode) if mode in SEARCHING else None
 
     def hear_pose(
         self,

@@ -20,10 +20,12 @@ from cabols_hw.safety.faults import (
     FOLLOWED,
     NOT_HELD,
     POSE_LOST,
+    SENSOR_LOST,
     BridgeFault,
     Reaction,
 )
 from cabols_hw.safety.first_power_on import PowerOnBound
+from cabols_hw.safety.recovery import RecoveryWatch
 
 
 class BridgeGuard:
@@ -55,6 +57,8 @@ class BridgeGuard:
         self.braking = Braking(rig)
         self.unloading = Unloading(rig)
         self.yielding = Yielding(rig)
+        self._growth = RecoveryWatch()
+        self._last_s = np.nan
         self._watchdog = CommandWatchdog(n, watchdog_s)
         self._commanded = np.zeros(n)
         self._allowed = np.zeros(n)
@@ -194,6 +198,7 @@ class BridgeGuard:
         self.braking.stop()
         self.unloading.stop()
         self.yielding.stop()
+        self._growth.end()
         self._unloads = self._yields = False
         self._doubted[:] = False
 
@@ -254,12 +259,19 @@ class BridgeGuard:
             self._trusted &= ~self._doubted
         if sound:
             self.braking.begin(now_s)
+        if fault.name not in SENSOR_LOST:
+            lost = fault.name in POSE_LOST
+            self._growth.begin(bridge, self.safety.tension_bound, lost)
 
     def _recover(self, now_s: float, bridge: Bridge) -> None:
         """Take the reaction's next step."""
         speed = self.safety.braking_speed(self._doubted)
         fault = self.fault
         if fault is not None and fault.name == FaultName.MOTION and self.safety.drives:
+            self._rest_all()
+        dt_s, self._last_s = now_s - self._last_s, now_s
+        if self._growth.grows(dt_s, bridge, self.safety.tension_bound):
+            # Neither encoders nor currents tell it: nothing that the bridge does may go on.
             self._rest_all()
         braked = self.braking.active
         if braked:

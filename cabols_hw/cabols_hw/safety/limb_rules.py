@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.load_programs.stopping import BRAKE_LAG_S
 from cabols_hw.bridge.braking import RESPONSE_S
 from cabols_hw.safety.rules import Rule
 from cabols_hw.safety.surges import LONG_SAMPLE_S, SURGE_SAMPLES, SURPLUS_AS, note_surge
@@ -16,8 +17,6 @@ from cabols_hw.safety.surges import LONG_SAMPLE_S, SURGE_SAMPLES, SURPLUS_AS, no
 OBSERVER_RATE = 200.0
 """Bandwidth of the observer that separates current from motion [1/s]: 5 ms."""
 
-BRAKE_LAG_S = 0.006
-"""From a sample to the whole braking current: two samples, and the ramp of the current."""
 FIRM_S = 0.005
 """A switch that was open for so long was not merely bouncing when it closes [s]."""
 SLACK_S = 0.3

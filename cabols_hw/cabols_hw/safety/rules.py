@@ -39,6 +39,10 @@ class Rule(IntEnum):
 ALL_FLAT = 0.1
 """Share of the time for which one gauge may stay the same that all six may at once."""
 
+STOPPED_SHARE = 0.7
+"""Share of all motors' stopping distances, those that pay out among them, by which a wrench may go
+on: damping and friction, which the distances leave out, take the rest at least."""
+
 WRENCH_WATCH = np.dtype(
     [
         ("wrench_max", np.float64, (6,)),  # platform axes [N, N m]
@@ -106,8 +110,9 @@ def judge_wrench(
 ) -> tuple[int, int]:
     """Compare the measured wrench (6,), platform axes, with its limits and the tensions.
 
-    The limits hold for the wrench, and for the one that it becomes until all motors that wind in
-    can be stopped.
+    The limits hold for the wrench, for the one that it becomes until all motors that wind in can be
+    stopped, and for the one until all motors stand: a cable that lets go adds to what its
+    antagonists pull.
 
     Args:
         dt_s: since the sample before [s].
@@ -126,28 +131,35 @@ def judge_wrench(
     for k in range(6):
         if not abs(wrench[k]) <= most[k]:
             return Rule.WRENCH.value, k
-    added = np.zeros(6)
+    added, released = np.zeros(6), np.zeros(6)
     for i in range(tension.shape[0]):
-        ahead = max(limbs[i]["ahead"], 0.0)
+        ahead = limbs[i]["ahead"]
         if ahead > 0.0:
             for k in range(6):
                 added[k] += matrix[k, i] * ahead
-    shares = np.zeros(2)
-    for k in range(3):
-        force, torque = wrench[k], wrench[3 + k]
-        for axis in range(3):
-            force += rotation[axis, k] * added[axis]
-            torque += rotation[axis, k] * added[3 + axis]
-        shares[0] += (force / most[k]) ** 2
-        shares[1] += (torque / most[3 + k]) ** 2
-        if abs(force) > most[k] and abs(force) > abs(wrench[k]):
-            return Rule.WRENCH.value, k
-        if abs(torque) > most[3 + k] and abs(torque) > abs(wrench[3 + k]):
-            return Rule.WRENCH.value, 3 + k
-    for part in range(2):
-        if own["in_all"] and shares[part] > 1.0:
-            first = 3 * part
-            return Rule.WRENCH.value, first + int(np.argmax(np.abs(wrench[first : first + 3])))
+        elif ahead < 0.0 and tension[i] > 0.0:
+            # What it goes on to let go until it stands, at most all that it has.
+            for k in range(6):
+                released[k] += matrix[k, i] * max(ahead, -tension[i])
+    for after in range(2):
+        if after == 1:
+            added = STOPPED_SHARE * (added + released)
+        shares = np.zeros(2)
+        for k in range(3):
+            force, torque = wrench[k], wrench[3 + k]
+            for axis in range(3):
+                force += rotation[axis, k] * added[axis]
+                torque += rotation[axis, k] * added[3 + axis]
+            shares[0] += (force / most[k]) ** 2
+            shares[1] += (torque / most[3 + k]) ** 2
+            if abs(force) > most[k] and abs(force) > abs(wrench[k]):
+                return Rule.WRENCH.value, k
+            if abs(torque) > most[3 + k] and abs(torque) > abs(wrench[3 + k]):
+                return Rule.WRENCH.value, 3 + k
+        for part in range(2):
+            if own["in_all"] and shares[part] > 1.0:
+                first = 3 * part
+                return Rule.WRENCH.value, first + int(np.argmax(np.abs(wrench[first : first + 3])))
     force = torque = 0.0
     for axis in range(3):
         error_f = error_t = 0.0

@@ -177,7 +177,9 @@ class RobotPanel:
             targets, "Laser tracker", "Measure", self._do_measure, "measure"
         )
         self._measured = ui.html("", sanitize=True).classes("verdict")
-        ui.html("The robot moves in Stopped and Free-moving only.", sanitize=True).classes("hint")
+        ui.html(
+            "The robot moves in Free-moving, and in Stopped while no cable pulls.", sanitize=True
+        ).classes("hint")
 
     async def _do_move(self) -> None:
         if not await self._own.agreed("A motion of the robot"):

@@ -13,6 +13,7 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
 from cabols_control.rig import Rig
+from cabols_control.supervision.held_load import taut_limbs
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
 from cabols_hw.bridge.bridge import Bridge
@@ -32,6 +33,9 @@ POSE_EVERY, POSE_LAG = 4, 6
 """Samples between two poses, and a pose's age in samples when it arrives."""
 PATH_EVERY = 50
 """Samples between two announcements of a path."""
+HELD_S = 0.12
+"""From a cable that pulls in STOPPED, while the robot moves, until it begins to brake [s]: the slow
+copy of the limb states, the look at its joints, a beat."""
 HEARTBEAT_S, BRAKE_S = 0.04, 0.3
 """From the bridge's fault until the robot begins to brake (report, a beat, the connection's end),
 and braking."""
@@ -209,9 +213,15 @@ class LockstepRig:
             self.mode = OperatingMode.FAULT
             if self.relays:
                 self.robot.stop()
+        if self.relays and self.mode == OperatingMode.STOPPED and self._taut():
+            self.robot.stop(HELD_S)
         if self.limb_controller_runs:
             guard.command(self.limbs.limbs, self._currents(), self.now_s)
             self._write()
+
+    def _taut(self) -> str:
+        bridge = self.bridge
+        return taut_limbs(bridge.tension, bridge.zeroed, bridge.switch_closed)
 
     def _write(self) -> None:
         self.card.write(self.bridge.volts(self.guard.output(self.mode)))
