@@ -10,13 +10,14 @@ import sys
 
 import numpy as np
 import pytest
-from cabols_msgs.msg import LoopStatus, Mode
+from cabols_msgs.msg import LimbState, LoopStatus, Mode
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
 from abb_harness import PATIENCE_S, quiet_port, running_controller, wait_until
 from cabols_control.result_code import ResultCode
-from cabols_control.ros.qos import control_qos, latched_qos
+from cabols_control.ros.live import live_name
+from cabols_control.ros.qos import control_qos, latched_qos, topic_qos
 from cabols_control.ros.rig_client.calls import RigCalls
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.ros.robot_stream import JointStateBytes
@@ -73,12 +74,36 @@ def refusal(watcher: Watcher, calls: RigCalls, index: int) -> int:
     return result.code
 
 
+def held_refusal(watcher: Watcher, calls: RigCalls) -> str:
+    """Why a goal in STOPPED is refused for the cables' sake; empty if it is for another's."""
+    result = result_of(watcher, calls, send_goal(watcher, calls, 1))
+    return result.message if result.code == ResultCode.WRONG_MODE else ""
+
+
+def limb_state(closed: int | None = None) -> LimbState:
+    """State of eight limbs without zeros, of which one's switch may be closed."""
+    nothing = [float("nan")] * 8
+    return LimbState(
+        limb=list(range(8)),
+        wound_length=[0.0] * 8,
+        elongation=nothing,
+        tension=nothing,
+        current=[0.0] * 8,
+        switch_closed=[i == closed for i in range(8)],
+        zeroed=[False] * 8,
+        cable_speed=[0.0] * 8,
+        cable_acceleration=[0.0] * 8,
+    )
+
+
 def test_bridge_publishes_moves_refuses_and_reports_silence():
     environment = next_environment()
     watcher = Watcher(int(environment["ROS_DOMAIN_ID"]), ("platform_pose", "loop_status"))
     joints: list[JointState] = []
     watcher.node.create_subscription(JointState, "joint_states", joints.append, control_qos(False))
     modes = watcher.node.create_publisher(Mode, "mode", latched_qos(False))
+    live = live_name("limb_state")
+    states = watcher.node.create_publisher(LimbState, live, topic_qos(live))
     calls = RigCalls(watcher.node)
     calls.prepare(actions=("move_to_configuration",))
     port = quiet_port()
@@ -108,6 +133,10 @@ def test_bridge_publishes_moves_refuses_and_reports_silence():
             wait_until(lambda: modes.get_subscription_count() > 0, "reader of mode")
             watcher.wait(lambda: refusal(watcher, calls, 1) == ResultCode.WRONG_MODE, "LOADING")
             modes.publish(Mode(mode=Mode.STOPPED))
+            # Gears hold a cable: nothing would follow the robot.
+            states.publish(limb_state(closed=5))
+            watcher.wait(lambda: "limb 6 pull" in held_refusal(watcher, calls), "a taut cable")
+            states.publish(limb_state())
             assert accepted_at_last(watcher, calls, 1, clock)
             result = watcher.result
             assert result.success, result.message
