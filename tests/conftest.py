@@ -18,6 +18,7 @@ os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="cabols_state_")
 from cabols_control.rig import load_rig
 from cabols_hw.card.config import load_card
 from cabols_sim.plant.config import load_plant
+from file_seconds import pytest_sessionfinish  # noqa: F401
 from forked_start import pytest_runtest_protocol  # noqa: F401
 from longest_first import pytest_collection_modifyitems  # noqa: F401
 from outcome_counts import (  # noqa: F401

@@ -304,6 +304,9 @@ def main() -> int:
     by_launch = arguments.ros2_launch
     if arguments.child:
         return (launch_child if by_launch else child)(arguments.child, arguments.robot)
+    # Ignored where a shell runs this in the background, or nohup does, and launchers leave it so.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     name = "life_cycle_ros2_launch" if by_launch else "life_cycle"
     output = (arguments.output or Path("build") / name).absolute()
     output.mkdir(parents=True, exist_ok=True)

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files whose tests may take longest begin first, so that no process waits for one at the end.
+"""Files whose tests take longest begin first, so that no process waits for one at the end.
 
-Time-outs of graphs order them; what ends a graph that hangs is GRAPH_S for all.
+What they took once (file_seconds.py) orders them; a file that is not known, and has a time-out of
+its own, begins before all. What ends a graph that hangs is GRAPH_S for all.
 """
 
 from __future__ import annotations
 
 import pytest
+
+from file_seconds import TESTS, kind, known_seconds, starts_nodes
 
 GRAPH_S = 900.0
 """Least time-out of a test that starts nodes [s]: several times what a busy machine takes."""
@@ -20,12 +23,15 @@ def limit_s(item):
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
-    """Sort the files by their longest time-out; within a file, and among equals, nothing moves."""
-    longest = {}
+    """Sort the files by what they take; within a file, and among equals, nothing moves."""
+    known, longest = known_seconds(), {}
     for item in items:
-        longest[item.path] = max(longest.get(item.path, 0.0), limit_s(item))
-    items.sort(key=lambda item: -longest[item.path])
-    for item in items:
-        starts_nodes = item.get_closest_marker("ros") or item.get_closest_marker("realtime")
-        if starts_nodes and limit_s(item) < GRAPH_S:
+        marks = {mark.name for mark in item.iter_markers()}
+        limit = limit_s(item)
+        may_be_long = limit if limit > float(item.config.getini("timeout")) else 0.0
+        path = item.path.relative_to(TESTS) if item.path.is_relative_to(TESTS) else item.path
+        took = known.get(kind(marks), {}).get(str(path), may_be_long)
+        longest[item.path] = max(longest.get(item.path, 0.0), took)
+        if starts_nodes(marks) and limit < GRAPH_S:
             item.add_marker(pytest.mark.timeout(GRAPH_S), append=False)
+    items.sort(key=lambda item: -longest[item.path])
