@@ -139,7 +139,7 @@ def realtime(f: Figures) -> Iterable[Row]:
 
 def demo(f: Figures) -> Iterable[Row]:
     """Rows of the demo: its own table."""
-    from cabols_control.run_report.acceptance import checks
+    from cabols_control.run_report.judgement.acceptance import checks
 
     for check in checks(f):
         yield check.quantity, check.measured, check.expected, check.met

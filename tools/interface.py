@@ -240,7 +240,7 @@ def topic_rows() -> Iterator[tuple[str, ...]]:
 
 def other_topics(root: Path) -> list[tuple[str, str, str]]:
     """Find the topics that sources publish and the table of topics does not name."""
-    from cabols_control.ros import topics
+    from cabols_control.ros.messages import topics
 
     found = set()
     for path in sources(root):

@@ -35,7 +35,7 @@ from cabols_control.parameters.declared import (
 ROS_ARGS, END = "--ros-args", "--"
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service")
 """Parameters that rclpy declares itself."""
-ROS_FIRST = "cabols_control.ros.transport"
+ROS_FIRST = "cabols_control.ros.messages.transport"
 """Imports rclpy, whose wheels restart Python once to find their libraries."""
 RULE, FILE, OUTPUT = ":=", "_file", "output"
 EPILOG = """Parameters are set by --ros-args -p NAME:=VALUE or --params-file FILE; indices from 0.

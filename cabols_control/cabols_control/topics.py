@@ -11,11 +11,11 @@ from pathlib import Path
 
 NAMESPACE = "/cabols"
 LIVE = "live/"
-"""A topic's slow copy, for pages and viewers, is named so below the namespace (ros/live.py)."""
+"""A topic's slow copy, for pages and viewers, is named so: see ros/live.py."""
 
 
 class Quality(Enum):
-    """How messages of a topic are delivered (cabols_control.ros.qos says why)."""
+    """How messages of a topic are delivered (cabols_control.ros.messages.qos says why)."""
 
     CONTROL = "best effort, newest only; in lockstep reliable and deep"
     MODE = "reliable, newest kept for late readers; in lockstep deep"

@@ -21,7 +21,7 @@ from cabols_control.load_programs.motor_demand import fastest_preview
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import find_rig
-from cabols_control.run_report.step_response import rise_time
+from cabols_control.run_report.judgement.step_response import rise_time
 from cabols_hw.card.config import load_card
 from cabols_sim.dynamics.bench_vibration import margin_numbers
 from cabols_sim.plant.closed_loop import PERIOD_S, Trace, simulate

@@ -24,7 +24,7 @@ from cabols_msgs.msg import LoopStatus
 from geometry_msgs.msg import PoseStamped
 
 from cabols_control.checks import FloatArray
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.rig_client import RigError
 from cabols_control.supervision.modes import OperatingMode
 from cabols_sim.bench.run import forgiving, isolated_environment, run_bench

@@ -19,7 +19,7 @@ import numpy as np
 from record import write_figures
 
 from cabols_control.rig import Rig, load_rig
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 
 try:
     from cabols_control.limb_control.controller import LimbController, TensionSetpoint

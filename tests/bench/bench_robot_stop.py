@@ -19,8 +19,8 @@ from pathlib import Path
 from record import write_figures
 
 from cabols_hw.abb.errors import RobotError
-from cabols_hw.abb.rws import RobotMover
-from cabols_hw.abb.rws_stop import EVERY_S
+from cabols_hw.abb.rws.motions import RobotMover
+from cabols_hw.abb.rws.stop import EVERY_S
 from cabols_sim.devices.abb.rapid import RapidProgram
 from cabols_sim.devices.abb.rws_server import RwsServer, Trouble
 

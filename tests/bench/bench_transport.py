@@ -24,7 +24,7 @@ import numpy as np
 from bench_realtime import echo_pair
 from record import write_figures
 
-from cabols_control.ros.transport import udp_variables
+from cabols_control.ros.messages.transport import udp_variables
 from cabols_sim.bench.run import isolated_environment
 
 LONG_S = 0.010
@@ -131,7 +131,7 @@ def publish() -> None:
     import rclpy
     from cabols_msgs.msg import LimbState
 
-    from cabols_control.ros.qos import control_qos
+    from cabols_control.ros.messages.qos import control_qos
 
     rclpy.init()
     node = rclpy.create_node("publisher")
@@ -157,7 +157,7 @@ def read() -> None:
     import rclpy
     from cabols_msgs.msg import LimbState
 
-    from cabols_control.ros.qos import control_qos
+    from cabols_control.ros.messages.qos import control_qos
 
     rclpy.init()
     node = rclpy.create_node("reader")

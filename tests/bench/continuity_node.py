@@ -42,7 +42,7 @@ class NodeLoop:
         from cabols_msgs.msg import Mode, TensionCommand
         from geometry_msgs.msg import PoseStamped, WrenchStamped
 
-        from cabols_control.ros.qos import topic_qos
+        from cabols_control.ros.messages.qos import topic_qos
 
         self._rclpy, self._kinds = rclpy, (Mode, PoseStamped, WrenchStamped)
         command = Path(".venv/lib/cabols_control/wrench_controller")

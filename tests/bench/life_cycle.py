@@ -17,6 +17,7 @@ import argparse
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -45,6 +46,9 @@ WAYS = (
     *("twice", "quit", "one"),
 )
 PHASES = ("start", "start", "PRETIGHTENING", "LOADING")
+OF_A_NODE = re.compile(r"\[\w+-\d+\] ")
+DIED = re.compile(r"process has died \[pid (\d+),")
+"""Launch's word of a node that failed; asyncio may have lost the exit code, and then says so."""
 EARLIEST_PHASE_S = 6.0
 LATER_S = 2.0
 SPEED = 0.5
@@ -237,9 +241,12 @@ def _names(pids: list[int]) -> str:
 def _faults(launch: Launch, way: str) -> Iterator[str]:
     """What is wrong with how a launch has ended."""
     for index, line in enumerate(launch.lines):
-        if "Traceback" in line:
+        # What launch itself prints when it is interrupted while it starts is not ours.
+        if "Traceback" in line and (not launch.by_launch or OF_A_NODE.match(line)):
             yield "traceback: " + " | ".join(launch.lines[index : index + 40])[:1500]
-        if "process has died" in line:
+        if (died := DIED.search(line)) and not any(
+            f"Unknown child process pid {died[1]}," in other for other in launch.lines
+        ):
             yield line
     path = launch.folder / "ended.json"
     early = not launch.lines or launch.by_launch

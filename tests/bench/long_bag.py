@@ -13,7 +13,7 @@ from cabols_control.bags.writer import BagWriter
 from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.rig_folder import rig_file
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 from cabols_control.stamps import set_time
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.ros.robot_stream import JOINT_NAMES, JointStateBytes

@@ -26,7 +26,7 @@ from urllib.request import Request, urlopen
 import numpy as np
 from cabols_msgs.msg import LimbState, Mode
 
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.rig_client.client import RigClient
 from cabols_control.ros.rig_client.errors import RigError
 from cabols_control.supervision.modes import OperatingMode

@@ -32,7 +32,7 @@ from record import write_figures
 from cabols_control.bags.reader import BagError, read_bag
 from cabols_control.command_line import USAGE, fail
 from cabols_control.rig import load_rig
-from cabols_control.run_report.figures_of_merit import summarise
+from cabols_control.run_report.judgement.figures_of_merit import summarise
 from cabols_control.run_report.run import load_run
 from cabols_sim.bench.run import (
     forgiving,

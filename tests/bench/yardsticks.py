@@ -58,7 +58,7 @@ def ping(seconds: float, fifo: int) -> None:
     import rclpy
     from cabols_msgs.msg import LimbState, MotorCurrent
 
-    from cabols_control.ros.qos import control_qos
+    from cabols_control.ros.messages.qos import control_qos
 
     rclpy.init()
     node = rclpy.create_node("ping")
@@ -102,7 +102,7 @@ def echo(fifo: int) -> None:
     import rclpy
     from cabols_msgs.msg import LimbState, MotorCurrent
 
-    from cabols_control.ros.qos import control_qos
+    from cabols_control.ros.messages.qos import control_qos
 
     rclpy.init()
     node = rclpy.create_node("echo")

@@ -11,9 +11,9 @@ import pytest
 from bag_builder import T0, BagBuilder
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import rig_file
-from cabols_control.run_report import bag_parts
 from cabols_control.run_report.bag_report import report_bag
 from cabols_control.run_report.command import main
+from cabols_control.run_report.pictures import bag_parts
 from cabols_control.supervision.modes import OperatingMode
 
 MS = 1_000_000

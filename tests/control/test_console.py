@@ -53,7 +53,7 @@ from cabols_control.geometry import load_geometry
 from cabols_control.kinematics import structure_matrix
 from cabols_control.load_programs.feasibility import check_program
 from cabols_control.load_programs.programs import BUILT_IN, load_program
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.held_load import held_text
 from cabols_control.supervision.modes import MOVING, NEXT, ModeMachine, OperatingMode

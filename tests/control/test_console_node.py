@@ -23,9 +23,9 @@ from visualization_msgs.msg import MarkerArray
 
 from cabols_control.bringup.processes import executable_path
 from cabols_control.console.server import BEHIND, UNKNOWN_PAGE
-from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
-from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import control_qos, latched_qos, status_qos
 from console_harness import free_port
 from dds_domains import next_domain
 

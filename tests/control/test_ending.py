@@ -15,7 +15,7 @@ from cabols_control.end_signals import END_SIGNALS
 
 LOOKS = """
 import time
-from cabols_control.ros.ending import EndedEarly, go_on, take_requests
+from cabols_control.ros.lifetime.ending import EndedEarly, go_on, take_requests
 end = take_requests()
 go_on()
 print("asked" if end.asked else "not asked", flush=True)
@@ -31,7 +31,7 @@ except EndedEarly:
 
 
 COMPILES = """
-from cabols_control.ros.ending import take_requests
+from cabols_control.ros.lifetime.ending import take_requests
 end = take_requests()
 try:
     with end.at_once({harmless}):

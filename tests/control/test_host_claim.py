@@ -9,7 +9,7 @@ import uuid
 
 import pytest
 
-from cabols_control.ros.host_claim import HostClaim
+from cabols_control.ros.lifetime.host_claim import HostClaim
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def test_a_name_is_had_once_and_given_back(name):
 def test_what_a_killed_process_had_is_free_at_once(name):
     code = (
         "import sys, time\n"
-        "from cabols_control.ros.host_claim import HostClaim\n"
+        "from cabols_control.ros.lifetime.host_claim import HostClaim\n"
         "claim = HostClaim()\n"
         "print(claim.take(sys.argv[1]), flush=True)\n"
         "time.sleep(60)\n"

@@ -19,8 +19,8 @@ import rclpy
 from cabols_msgs.msg import LoopStatus
 from rclpy.serialization import deserialize_message
 
-from cabols_control.ros import topics
-from cabols_control.ros.topics import message_type
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.topics import message_type
 from cabols_control.topics import TOPICS
 from dds_domains import next_domain
 from fed_nodes import Feeder

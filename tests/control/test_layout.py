@@ -9,8 +9,8 @@ from cabols_msgs.msg import LimbState, MotorCurrent, TensionCommand
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.serialization import deserialize_message, serialize_message
 
-from cabols_control.ros import topics
-from cabols_control.ros.layout import Layout, LayoutError
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.layout import Layout, LayoutError
 
 
 def fill(record, layout, random):

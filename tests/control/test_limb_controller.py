@@ -8,7 +8,7 @@ import pytest
 
 from cabols_control.errors import ShapeError
 from cabols_control.limb_control.controller import LimbController, LimbSample, TensionSetpoint
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 from cabols_control.supervision.modes import OperatingMode
 
 N = 8

@@ -11,8 +11,8 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 
 from cabols_control.errors import ConfigError
-from cabols_control.ros import slow_start
-from cabols_control.ros.own_time import keep_own_time
+from cabols_control.ros.lifetime import slow_start
+from cabols_control.ros.lifetime.own_time import keep_own_time
 from dds_domains import next_domain
 
 pytestmark = [pytest.mark.ros]

@@ -34,8 +34,8 @@ from cabols_control.bags.storage.salvage import Salvage
 from cabols_control.geometry import load_geometry
 from cabols_control.nodes.recorder import lack_of_space
 from cabols_control.realtime.scheduling import may_use_fifo
-from cabols_control.ros import topics
-from cabols_control.ros.qos import control_qos, latched_qos, status_qos
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import control_qos, latched_qos, status_qos
 from cabols_control.topics import NAMESPACE, RECORDED
 from dds_domains import next_domain
 from stalls import Stalls

@@ -19,7 +19,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from std_srvs.srv import Trigger
 
 from cabols_control.ros.live import live_name
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.rig_client import (
     AbandonedError,
     ActionFailedError,

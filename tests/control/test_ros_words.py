@@ -7,7 +7,7 @@ import pytest
 from rclpy.context import Context
 
 from cabols_control.errors import ConfigError
-from cabols_control.ros import transport
+from cabols_control.ros.messages import transport
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,10 @@ import pytest
 from cabols_msgs.msg import Mode, MotorCurrent
 
 from cabols_control.rig import load_rig
-from cabols_control.ros.layout import Layout
-from cabols_control.ros.roles import GHOST_S, Publisher, Seconds
+from cabols_control.ros.lifetime.roles import GHOST_S, Publisher, Seconds
+from cabols_control.ros.messages.layout import Layout
+from cabols_control.ros.messages.topics import mode_layout, pose_layout
 from cabols_control.ros.sessions import ModeFilter, ModeInput, living, same_session
-from cabols_control.ros.topics import mode_layout, pose_layout
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.supervision.session import LOST_S, SILENT_S, YOUNG_S, SessionFollower
 

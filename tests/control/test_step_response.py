@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from cabols_control.errors import ShapeError
-from cabols_control.run_report.step_response import analyse_steps, rise_time
+from cabols_control.run_report.judgement.step_response import analyse_steps, rise_time
 
 RATED = np.array([165.0, 165.0, 495.0, 15.0, 15.0, 15.0])
 TIME = np.arange(0.0, 6.0, 1e-3)

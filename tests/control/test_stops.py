@@ -12,8 +12,9 @@ import rclpy
 from cabols_msgs.msg import Mode, Stop
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from cabols_control.ros import stops, transport
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros import stops
+from cabols_control.ros.messages import transport
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.stops import StopLatch, StopReceiver, StopSender
 from graph_harness import next_environment
 

@@ -10,7 +10,7 @@ import sys
 import pytest
 from std_msgs.msg import String
 
-from cabols_control.ros.transport import (
+from cabols_control.ros.messages.transport import (
     DECISIONS,
     LOOPBACK,
     RANGE,
@@ -26,7 +26,7 @@ import time
 from pathlib import Path
 import rclpy
 from std_msgs.msg import String
-from cabols_control.ros.transport import init
+from cabols_control.ros.messages.transport import init
 init()
 node = rclpy.create_node("talker", namespace="/cabols")
 publisher = node.create_publisher(String, "word", 1)

@@ -17,7 +17,7 @@ from cabols_control.frames import load_wrench_frames
 from cabols_control.geometry import load_geometry
 from cabols_control.rig_folder import find_rig
 from cabols_control.run_report.bag_report import report_bag
-from cabols_control.run_report.errors_of_wrench import error_numbers
+from cabols_control.run_report.judgement.errors_of_wrench import error_numbers
 from cabols_control.run_report.programme import join_program
 from cabols_control.run_report.user_frame import (
     frame_of,

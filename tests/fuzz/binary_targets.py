@@ -37,12 +37,12 @@ from cabols_control.bags.topic_messages import TopicMessages
 from cabols_control.cdr import LayoutError
 from cabols_control.errors import CabolsError
 from cabols_control.geometry import load_geometry
-from cabols_control.ros import topics
-from cabols_control.ros.layout import Layout
-from cabols_hw.abb.egm_sample import EgmSample, read_packet
-from cabols_hw.abb.http_exchange import HttpAnswer
-from cabols_hw.abb.rws_answers import value_of
-from cabols_hw.abb.rws_dialects import RWS_1
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.layout import Layout
+from cabols_hw.abb.egm.sample import EgmSample, read_packet
+from cabols_hw.abb.rws.answers import value_of
+from cabols_hw.abb.rws.dialects import RWS_1
+from cabols_hw.abb.rws.http_exchange import HttpAnswer
 from cabols_hw.tracker import tracker_pb2 as pb
 from cabols_hw.tracker.client import TrackerClient
 from egm_packets import numbered

@@ -26,7 +26,8 @@ from cabols_control import cdr  # noqa: E402
 from cabols_control.files import strict_yaml  # noqa: E402
 from cabols_control.load_programs import programs  # noqa: E402
 from cabols_control.serial_arms import arm as serial_arm  # noqa: E402
-from cabols_hw.abb import egm_sample, rws_answers  # noqa: E402
+from cabols_hw.abb.egm import sample as egm_sample  # noqa: E402
+from cabols_hw.abb.rws import answers as rws_answers  # noqa: E402
 
 MOST, SECONDS = 6_000, 40.0
 MEMORY_MOST = 20_000

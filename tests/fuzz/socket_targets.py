@@ -23,10 +23,10 @@ from engine import Target
 from oracles import check, finite
 
 from cabols_control.errors import CabolsError
-from cabols_hw.abb.egm import EgmReader
-from cabols_hw.abb.http_exchange import Deadline
-from cabols_hw.abb.rws_client import RwsSession
-from cabols_hw.abb.rws_dialects import RWS_1
+from cabols_hw.abb.egm.reader import EgmReader
+from cabols_hw.abb.rws.client import RwsSession
+from cabols_hw.abb.rws.dialects import RWS_1
+from cabols_hw.abb.rws.http_exchange import Deadline
 from cabols_hw.tracker import tracker_pb2 as pb
 from cabols_hw.tracker.client import TrackerClient
 from cabols_hw.tracker.config import load_tracker_config
@@ -198,8 +198,8 @@ class Graph:
     def __init__(self) -> None:
         import rclpy
 
-        from cabols_control.ros import topics
-        from cabols_control.ros.qos import topic_qos
+        from cabols_control.ros.messages import topics
+        from cabols_control.ros.messages.qos import topic_qos
         from dds_domains import next_domain
 
         domain = next_domain()

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from cabols_control.frames import load_frames
 from cabols_control.nodes.pose_estimator import PoseEstimatorNode
 from cabols_control.rig import load_rig
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 from cabols_control.stamps import set_time
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.card.config import load_card

@@ -15,7 +15,7 @@ from cabols_control.topics import LIVE
 ASIDE = (
     "cabols_control.ros.loop",
     "cabols_control.ros.reader",
-    "cabols_control.ros.recorded_topic",
+    "cabols_control.ros.recording.recorded_topic",
     "cabols_stiffness.ros.intake",
 )
 """Modules that subscribe beside the executor."""

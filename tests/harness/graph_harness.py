@@ -16,8 +16,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from cabols_control.bringup.processes import Ended
 from cabols_control.bringup.specs import ONE_BLAS_THREAD
-from cabols_control.ros import topics
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.topics import Quality, topic_row
 from cabols_sim.bench.run import run_bench
 from dds_domains import next_domain

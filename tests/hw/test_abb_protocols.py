@@ -20,9 +20,9 @@ from abb_robot_client.rws import RWS, ABBException
 
 from abb_harness import PATIENCE_S, PlantClock, quiet_port, running_controller, wait_until
 from cabols_hw.abb.configurations import load_configurations
-from cabols_hw.abb.egm import EgmReader, PacketCounter
+from cabols_hw.abb.egm.reader import EgmReader, PacketCounter
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
-from cabols_hw.abb.rws import RobotMover, judge_motion
+from cabols_hw.abb.rws.motions import RobotMover, judge_motion
 from cabols_sim.devices.abb.egm_server import EgmServer
 from cabols_sim.devices.abb.rapid import RapidProgram
 from cabols_sim.devices.link import DEVICE_TRUTH, DeviceLink, LinkError, PlantLink

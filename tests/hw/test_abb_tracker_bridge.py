@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from abb_harness import PATIENCE_S, quiet_port, running_controller, wait_until
 from cabols_control.result_code import ResultCode
 from cabols_control.ros.live import live_name
-from cabols_control.ros.qos import control_qos, latched_qos, topic_qos
+from cabols_control.ros.messages.qos import control_qos, latched_qos, topic_qos
 from cabols_control.ros.rig_client.calls import RigCalls
 from cabols_hw.abb.configurations import load_configurations
 from cabols_hw.ros.robot_stream import JointStateBytes

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from cabols_control.ros.topics import mode_layout
+from cabols_control.ros.messages.topics import mode_layout
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
 from cabols_hw.ros.bridge_node import BridgeNode
 

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from cabols_control.errors import CabolsError
 from cabols_control.registration.reflectors import MisfitError, register_frame
 from cabols_hw.abb.errors import RwsError, RwsFailure
-from cabols_hw.abb.http_exchange import HttpAnswer
-from cabols_hw.abb.rws_answers import value_of
-from cabols_hw.abb.rws_dialects import RWS_1, RWS_2
+from cabols_hw.abb.rws.answers import value_of
+from cabols_hw.abb.rws.dialects import RWS_1, RWS_2
+from cabols_hw.abb.rws.http_exchange import HttpAnswer
 from cabols_hw.card.config import load_card
 from cabols_hw.force_torque.tool_weight import ToolError, identify_tool, tool_weight
 from cabols_hw.tracker.beam import BeamNoise, predicted_covariance

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cabols_hw.abb.egm import EgmReader, PacketCounter, SenderGuard, StreamQuality
-from cabols_hw.abb.egm_sample import EgmSample, read_packet
-from cabols_hw.abb.stream_quality import CountedStream, Refusal
+from cabols_hw.abb.egm.reader import EgmReader, PacketCounter, SenderGuard, StreamQuality
+from cabols_hw.abb.egm.sample import EgmSample, read_packet
+from cabols_hw.abb.egm.stream_quality import CountedStream, Refusal
 from egm_packets import PERIOD_S, numbered, packet, udp
 
 LATE_S = 0.03

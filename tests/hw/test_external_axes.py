@@ -6,8 +6,8 @@ from __future__ import annotations
 import pytest
 from abb_robot_client._egm_protobuf import egm_pb2
 
-from cabols_hw.abb.egm import EgmReader
-from cabols_hw.abb.stream_quality import Refusal
+from cabols_hw.abb.egm.reader import EgmReader
+from cabols_hw.abb.egm.stream_quality import Refusal
 from egm_packets import numbered, udp
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from abb_harness import PATIENCE_S, running_controller, running_ur_controller, wait_until
 from cabols_hw.abb.configurations import load_configurations
-from cabols_hw.abb.egm import EgmReader
+from cabols_hw.abb.egm.reader import EgmReader
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
 from cabols_hw.abb.robot import AbbAddress, AbbRobot
 from cabols_hw.robot.interface import Capability, Leg, Robot

@@ -12,12 +12,12 @@ import pytest
 
 from abb_harness import PATIENCE_S, quiet_port, running_controller, wait_until
 from cabols_hw.abb.errors import MoveAbortedError, RobotError, RwsError
-from cabols_hw.abb.http_exchange import HttpAddress, HttpAnswer
-from cabols_hw.abb.http_login import Login, Scheme
-from cabols_hw.abb.rws import RobotMover
-from cabols_hw.abb.rws_answers import content_of, value_of
-from cabols_hw.abb.rws_client import RwsLane, RwsSession
-from cabols_hw.abb.rws_dialects import RWS_1, RWS_2
+from cabols_hw.abb.rws.answers import content_of, value_of
+from cabols_hw.abb.rws.client import RwsLane, RwsSession
+from cabols_hw.abb.rws.dialects import RWS_1, RWS_2
+from cabols_hw.abb.rws.http_exchange import HttpAddress, HttpAnswer
+from cabols_hw.abb.rws.http_login import Login, Scheme
+from cabols_hw.abb.rws.motions import RobotMover
 from cabols_sim.devices.abb.rws_server import Trouble
 
 USER, PASSWORD = "Default User", "robotics"

@@ -14,9 +14,9 @@ from contextlib import contextmanager, suppress
 import pytest
 
 from cabols_hw.abb.errors import RwsError, RwsFailure
-from cabols_hw.abb.http_exchange import Deadline, HttpAddress, HttpConnection, tls_context
-from cabols_hw.abb.rws_client import RwsSession
-from cabols_hw.abb.rws_stop import StopAttempts
+from cabols_hw.abb.rws.client import RwsSession
+from cabols_hw.abb.rws.http_exchange import Deadline, HttpAddress, HttpConnection, tls_context
+from cabols_hw.abb.rws.stop import StopAttempts
 from rws_fake import PASSWORD, USER, FakeController
 
 pytestmark = pytest.mark.timeout(60)

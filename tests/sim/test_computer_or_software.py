@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from cabols_control.bringup.processes import Ended, executable_path
-from cabols_control.run_report.acceptance import by_computer, checks, failures, table
-from cabols_control.run_report.computer import (
+from cabols_control.run_report.judgement.acceptance import by_computer, checks, failures, table
+from cabols_control.run_report.judgement.computer import (
     Missed,
     TimerError,
     TimerRecord,

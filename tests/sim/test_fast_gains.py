@@ -12,7 +12,7 @@ from cabols_control.errors import OutOfRangeError
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import rig_file
-from cabols_control.run_report.figures_of_merit import designed_rise_time
+from cabols_control.run_report.judgement.figures_of_merit import designed_rise_time
 from cabols_sim.bench import run as bench_run
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.reproductions.common import bench

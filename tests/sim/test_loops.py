@@ -13,7 +13,7 @@ from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import rig_file
-from cabols_control.run_report.step_response import analyse_steps
+from cabols_control.run_report.judgement.step_response import analyse_steps
 from cabols_control.workspace.elastic import tension_stiffness
 from cabols_sim.dynamics.bench_vibration import LOOP_DELAY_S, margin_numbers
 from cabols_sim.dynamics.loops import (

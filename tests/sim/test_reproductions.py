@@ -11,7 +11,7 @@ import pytest
 from cabols_control.gains import limb_gains
 from cabols_control.limb import LimbModel, identify_limb, identify_limb_with_friction, step_response
 from cabols_control.load_programs.programs import load_program
-from cabols_control.run_report.step_response import analyse_steps, rise_time
+from cabols_control.run_report.judgement.step_response import analyse_steps, rise_time
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.reproductions import (
     REPRODUCTIONS,

@@ -15,9 +15,8 @@ import pytest
 from cabols_control.bags.reader import Bag, Series
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
-from cabols_control.run_report.computer import TimerRecord
-from cabols_control.run_report.figures import decimate, draw_session, write_figures
-from cabols_control.run_report.figures_of_merit import (
+from cabols_control.run_report.judgement.computer import TimerRecord
+from cabols_control.run_report.judgement.figures_of_merit import (
     RunError,
     checks,
     designed_response,
@@ -26,9 +25,10 @@ from cabols_control.run_report.figures_of_merit import (
     summarise,
     table,
 )
+from cabols_control.run_report.judgement.stalls import stall_numbers
+from cabols_control.run_report.pictures.run_figures import decimate, draw_session, write_figures
 from cabols_control.run_report.report import write_report
 from cabols_control.run_report.run import BenchRun
-from cabols_control.run_report.stalls import stall_numbers
 from cabols_hw.card.config import load_card
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.plant.config import load_plant

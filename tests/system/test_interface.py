@@ -4,7 +4,7 @@
 import pytest
 
 import interface
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 from cabols_control.ros.rig_client import calls as rig_calls
 
 NODE = """

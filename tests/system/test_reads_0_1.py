@@ -21,7 +21,7 @@ from cabols_control.configuration import read_yaml
 from cabols_control.console.view3d.scene import load_scene
 from cabols_control.geometry import load_geometry
 from cabols_control.rig import load_rig
-from cabols_control.run_report.figures_of_merit import summarise
+from cabols_control.run_report.judgement.figures_of_merit import summarise
 from cabols_control.run_report.run import load_run
 from cabols_control.workspace.bodies import load_bodies
 from cabols_hw.abb.configurations import load_configurations

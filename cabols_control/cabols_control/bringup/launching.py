@@ -4,8 +4,12 @@
 from __future__ import annotations
 
 import os
+import shutil
+import signal
+import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
@@ -13,6 +17,7 @@ from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch_ros.actions import Node
 
+from cabols_control import end_signals
 from cabols_control.bringup.argument_text import others, read_arguments
 from cabols_control.bringup.graph import all_arguments
 from cabols_control.bringup.network_names import domain_id
@@ -21,6 +26,8 @@ from cabols_control.bringup.specs import LAUNCHER, ONE_BLAS_THREAD, NodeSpec
 
 DISCOVERY = "discovery"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PREFIX = "launch-prefix"
+"""Launch's own configuration of words before every command, such as a debugger's."""
 RANGES = ["LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT"]
 
 
@@ -74,6 +81,21 @@ def argument_values(
     return {**{argument.name: argument.default for argument in all_arguments()}, **values}, given
 
 
+@cache
+def holding_words() -> list[str]:
+    """Words before a command that let the signals to end wait until the command handles them.
+
+    A node that is interrupted while Python still imports would end with a traceback. GNU's env
+    can hold signals back; where there is another one, or none, nothing is put before a command.
+    """
+    held = [f"--block-signal={signal.Signals(each).name[3:]}" for each in end_signals.END_SIGNALS]
+    words = ["env", *held]
+    if shutil.which("env") is None:
+        return []
+    tried = subprocess.run([*words, "true"], capture_output=True, check=False)
+    return words if tried.returncode == 0 else []
+
+
 def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
     """Return launch actions for the nodes; when one ends that may not restart, all end.
 
@@ -84,6 +106,9 @@ def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
     discovery = "LOCALHOST"
     if context is not None:
         discovery = str(context.launch_configurations.get(DISCOVERY, discovery))
+    # Words that the user puts before commands, such as a debugger's, are launch's own affair.
+    given = context is not None and context.launch_configurations.get(PREFIX)
+    prefix = None if given else " ".join(holding_words())
     actions: list[Any] = []
     # Nodes under load unload before they obey: SIGTERM and SIGKILL leave them the time for it.
     grace = str(2.0 * GRACE_S)
@@ -96,6 +121,7 @@ def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
             namespace=spec.namespace or None,
             ros_arguments=spec.ros_words() or None,
             output="screen",
+            prefix=prefix,
             additional_env={**ONE_BLAS_THREAD, LAUNCHER: str(os.getpid()), RANGE: discovery},
             respawn=spec.restarts,
             respawn_delay=RESTART_S,

@@ -28,7 +28,7 @@ from cabols_control.command_line import USAGE
 from cabols_control.errors import CabolsError
 
 PR_SET_PDEATHSIG = 1
-GRACE_S = 3.0
+GRACE_S = 4.0
 """From SIGINT to SIGTERM, and on to SIGKILL [s]; together more than a node may take to unload."""
 RESTART_S = 1.0
 RESTART_NICENESS = 15

@@ -8,7 +8,14 @@ from collections import deque
 import numpy as np
 
 from cabols_control.checks import BoolArray, FloatArray
-from cabols_control.run_report.vector_errors import IDLE, KINDS, lengths, lengths_where, rms, sizes
+from cabols_control.run_report.judgement.vector_errors import (
+    IDLE,
+    KINDS,
+    lengths,
+    lengths_where,
+    rms,
+    sizes,
+)
 
 KEPT = 20_000
 """Errors that are kept: a quarter of an hour of frames."""

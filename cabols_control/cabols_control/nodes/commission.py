@@ -36,8 +36,8 @@ from cabols_control.files.output_folder import MARKER, output_folder
 from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import limb_index, limb_name, number
 from cabols_control.rig import Rig, load_rig
-from cabols_control.ros.limb_commissioning import commission_limb
-from cabols_control.ros.limb_trace import LimbTrace
+from cabols_control.ros.limb_actions.commissioning import commission_limb
+from cabols_control.ros.limb_actions.trace import LimbTrace
 from cabols_control.ros.rig_client import RigClient
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")

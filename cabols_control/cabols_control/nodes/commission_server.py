@@ -28,8 +28,8 @@ from cabols_control.limb_control.controller import LimbController
 from cabols_control.naming import limb_names
 from cabols_control.result_code import NOT_YET, ResultCode
 from cabols_control.rig import Rig
-from cabols_control.ros import topics
 from cabols_control.ros.loop import Input
+from cabols_control.ros.messages import topics
 from cabols_control.ros.threads.pause import pause
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.modes import OperatingMode

@@ -21,9 +21,9 @@ from cabols_control.console.view3d.scene import SceneConfig, load_scene, scene_n
 from cabols_control.errors import ConfigError
 from cabols_control.ros.console.calls import Calls
 from cabols_control.ros.console.feed import Feed
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
-from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.threads.ticker import Ticker
 
 PERIOD_S = 0.05

@@ -19,7 +19,7 @@ from cabols_control.errors import CabolsError, UsageError
 from cabols_control.naming import limb_index, limb_name, limb_names
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
-from cabols_control.ros.limb_commissioning import commission_limb
+from cabols_control.ros.limb_actions.commissioning import commission_limb
 from cabols_control.ros.rig_client import RigClient, RigError
 
 LIMB_S = 90.0

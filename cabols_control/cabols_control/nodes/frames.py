@@ -18,11 +18,11 @@ from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
 from cabols_control.placement import Frame
 from cabols_control.rig_tools.rig_urdf import ROBOT_URDF, rig_urdf, urdf_text
-from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import quality_qos
 from cabols_control.ros.node import RUNNING, WAITING, run_node
 from cabols_control.ros.parameters import declare, declare_robot
-from cabols_control.ros.qos import quality_qos
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.ticking_node import TickingNode
 from cabols_control.rotations import read_pose

@@ -13,8 +13,8 @@ from cabols_control.checks import BoolArray
 from cabols_control.errors import ConfigError
 from cabols_control.limb_control.controller import LimbController, TensionSetpoint
 from cabols_control.nodes.commission_server import CommissionServer
-from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
+from cabols_control.ros.messages import topics
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_robot, declare_row
 from cabols_control.ros.sessions import ModeInput, same_session

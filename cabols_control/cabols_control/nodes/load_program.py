@@ -24,9 +24,9 @@ from cabols_control.load_programs.preview import ShapedProgram, as_given, check_
 from cabols_control.load_programs.programs import load_program
 from cabols_control.realtime.scheduling import be_ordinary
 from cabols_control.result_code import ResultCode
-from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import ControlLoop, Input
+from cabols_control.ros.messages import topics
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.refusal import Refusal, serve

@@ -13,9 +13,9 @@ from cabols_control.console.latest import LatestValues
 from cabols_control.console.view3d.scene import load_scene
 from cabols_control.console.view3d.shapes import CYLINDER, Shape, rig_shapes
 from cabols_control.ros.console.feed import Feed
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import RUNNING, run_node
 from cabols_control.ros.parameters import declare
-from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.ticking_node import TickingNode
 
 PERIOD_S = 0.1

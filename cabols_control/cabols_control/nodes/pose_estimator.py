@@ -27,12 +27,12 @@ from cabols_control.pose_agreement import (
     PoseEstimator,
     State,
 )
-from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import RUNNING, WAITING, run_node
 from cabols_control.ros.parameters import declare_robot
-from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.ticking_node import TickingNode
 from cabols_control.rotations import read_pose

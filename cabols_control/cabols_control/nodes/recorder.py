@@ -24,12 +24,13 @@ from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.errors import ConfigError
 from cabols_control.realtime.scheduling import be_ordinary
 from cabols_control.recorded_configuration import configuration_texts
-from cabols_control.ros import topics
+from cabols_control.ros.lifetime.ending import END_LIMIT_S
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, RCLError, run_node
-from cabols_control.ros.parameter_census import ParameterCensus
 from cabols_control.ros.parameters import declare, declare_row
-from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.recording import Recording
+from cabols_control.ros.recording.bag_recording import Recording
+from cabols_control.ros.recording.parameter_census import ParameterCensus
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING
 from cabols_control.topics import RECORDED, Topic, foreign_row, topic_row
@@ -47,6 +48,9 @@ class RecorderNode(ControlNode):
 
     The latched topic `recording` holds the folder of the bag in progress; empty: none.
     """
+
+    # The bridge's last current and what the cables still pull are recorded, too.
+    end_limit_s = END_LIMIT_S + 1.0
 
     def __init__(self) -> None:
         """Subscribe to all topics and create the bag, unless recording starts on request.

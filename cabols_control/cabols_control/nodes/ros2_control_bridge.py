@@ -11,11 +11,11 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
-from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_row
-from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.sessions import ModeInput
 from cabols_control.stamps import set_time
 from cabols_control.supervision.faults import Fault, FaultName

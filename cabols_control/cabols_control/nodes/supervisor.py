@@ -14,14 +14,14 @@ from std_srvs.srv import Trigger
 
 from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.naming import told
-from cabols_control.ros import topics
-from cabols_control.ros.layout import Layout
+from cabols_control.ros.lifetime.roles import SINGLE, Seconds, publishers
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import ControlLoop, Input
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.layout import Layout
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import FAULT, RUNNING, ControlNode, run_node
 from cabols_control.ros.parameters import declare, declare_row
-from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.roles import SINGLE, Seconds, publishers
 from cabols_control.ros.stops import PRESSED, StopReceiver
 from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.supervision.faults import Fault, FaultName, fault_name

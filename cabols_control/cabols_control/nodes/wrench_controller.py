@@ -14,12 +14,12 @@ from cabols_control.bringup_nodes import NODES as CONTROL_NODES
 from cabols_control.checks import FloatArray
 from cabols_control.frames import load_wrench_frames, load_wrench_uncertainty
 from cabols_control.poses.track import pose_time
-from cabols_control.ros import topics
 from cabols_control.ros.framed_wrench import FramedWrenchInput, FrameWrenchOutput
 from cabols_control.ros.loop import SLOW_INPUT, ControlLoop, Input
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_robot, declare_row
-from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.sessions import ModeInput, living, same_session
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName

@@ -10,9 +10,9 @@ import numpy as np
 from rclpy.node import Node
 
 from cabols_control.checks import FloatArray
-from cabols_control.ros import topics
-from cabols_control.ros.layout import Layout, Record
 from cabols_control.ros.loop import Input
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.layout import Layout, Record
 from cabols_control.ros.node import ControlNode
 from cabols_control.wrench_control.frames import WrenchFrames, place_frame, wrench_from_base
 from cabols_control.wrench_control.uncertainty import WrenchUncertainty

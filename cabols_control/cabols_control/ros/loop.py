@@ -14,10 +14,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from cabols_control.cdr import LayoutError
-from cabols_control.ros.layout import Layout
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages.layout import Layout
+from cabols_control.ros.messages.qos import topic_qos
+from cabols_control.ros.messages.topics import message_type
 from cabols_control.ros.threads.guarded_thread import GuardedThread
-from cabols_control.ros.topics import message_type
 
 IDLE_NS = 50_000_000
 GAP_NS = 500_000

@@ -25,11 +25,19 @@ from cabols_control.realtime.scheduling import (
     freeze_garbage,
     give_back,
 )
-from cabols_control.ros import topics, transport
-from cabols_control.ros.ending import EndedEarly, EndRequest, go_on, take_requests
+from cabols_control.ros.lifetime.ending import (
+    END_LIMIT_S,
+    EndedEarly,
+    EndRequest,
+    go_on,
+    take_requests,
+)
+from cabols_control.ros.lifetime.own_time import keep_own_time
+from cabols_control.ros.lifetime.roles import RoleCheck
+from cabols_control.ros.lifetime.slow_start import told_if_slow
 from cabols_control.ros.live import LiveOutput
 from cabols_control.ros.loop import Output
-from cabols_control.ros.own_time import keep_own_time
+from cabols_control.ros.messages import topics, transport
 from cabols_control.ros.parameters import (
     declare,
     declare_lockstep,
@@ -37,8 +45,6 @@ from cabols_control.ros.parameters import (
     declare_rig_folder,
     declare_scheduling,
 )
-from cabols_control.ros.roles import RoleCheck
-from cabols_control.ros.slow_start import told_if_slow
 from cabols_control.ros.status.diagnostics import Diagnostics, Health
 from cabols_control.ros.status.loop_log import LoopLog
 from cabols_control.ros.status.statistics import Durations
@@ -160,6 +166,8 @@ class ControlNode(Node):
 
     role_topic = ""
     """Topic by which another node in the same role is heard; empty: there may be several."""
+    end_limit_s = END_LIMIT_S
+    """Longest time for which a load keeps it from ending [s]."""
     starts_harmlessly = False
     """Whether its start opens nothing that must be closed in order, so that it may be cut short."""
 
@@ -292,9 +300,9 @@ class ControlNode(Node):
 def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = None) -> int:
     """Run one control node until a signal to end, its launcher's death or its own failure.
 
-    A node of the control path goes on while there is a load, for at most END_LIMIT_S. One that is
-    asked to end while it starts completes what it has opened, such as a bag, and ends with 0; one
-    that has opened nothing ends at once.
+    A node of the control path goes on while there is a load, for at most its end_limit_s. One that
+    is asked to end while it starts completes what it has opened, such as a bag, and ends with 0;
+    one that has opened nothing ends at once.
 
     Args:
         factory: class of the node, or a function that makes it.
@@ -353,7 +361,7 @@ def _spin(node: ControlNode, executor: NodeExecutor, end: EndRequest) -> None:
             if not told:
                 told = True
                 node.end_asked()
-            if node.may_end() or end.overdue:
+            if node.may_end() or end.overdue(node.end_limit_s):
                 node.context.try_shutdown()
                 return
         executor.spin_once(timeout_sec=0.05 if told else 0.2)

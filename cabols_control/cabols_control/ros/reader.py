@@ -12,9 +12,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from cabols_control.ros.loop import subscribe_aside
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages.qos import topic_qos
+from cabols_control.ros.messages.topics import message_type
 from cabols_control.ros.threads.node_executor import taken_or_none
-from cabols_control.ros.topics import message_type
 
 ROS_TOPICS: dict[str, tuple[type, QoSProfile]] = {
     "/diagnostics": (DiagnosticArray, QoSProfile(depth=100)),

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from cabols_msgs.msg import Mode
 from rclpy.node import Node
 
-from cabols_control.ros import topics
-from cabols_control.ros.layout import Layout
 from cabols_control.ros.loop import Input
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.layout import Layout
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
 from cabols_control.supervision.session import STAMP_S, SessionFollower
 

@@ -18,7 +18,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
 from cabols_control.naming import told
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.stamps import set_time
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.stops import REMEMBERED, HeldStops

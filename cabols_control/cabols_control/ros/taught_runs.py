@@ -9,9 +9,9 @@ from cabols_control.checks import FloatArray
 from cabols_control.load_programs.lessons import School
 from cabols_control.load_programs.preview import ShapedProgram
 from cabols_control.load_programs.programs import LoadProgram
-from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input
+from cabols_control.ros.messages import topics
 from cabols_control.ros.node import ControlNode
 from cabols_control.rotations import read_pose
 

@@ -17,9 +17,9 @@ from cabols_control.bags.reader import Bag, read_bag
 from cabols_control.errors import UsageError
 from cabols_control.report_page import embedded_picture, render_page
 from cabols_control.rig import Rig, load_rig
-from cabols_control.run_report.bag_parts import PARTS, TOPICS, table
-from cabols_control.run_report.figures import DPI
-from cabols_control.run_report.figures_of_merit import checks, summarise
+from cabols_control.run_report.judgement.figures_of_merit import checks, summarise
+from cabols_control.run_report.pictures.bag_parts import PARTS, TOPICS, table
+from cabols_control.run_report.pictures.run_figures import DPI
 from cabols_control.run_report.run import RunError, join_run
 
 GENERATOR = '<meta name="generator" content="cabols report">'

@@ -22,7 +22,8 @@ from bokeh.plotting import figure
 from cabols_control.checks import FloatArray
 from cabols_control.naming import limb_name
 from cabols_control.report_page import embed, embedded_picture, render_page
-from cabols_control.run_report.figures import (
+from cabols_control.run_report.judgement.figures_of_merit import checks
+from cabols_control.run_report.pictures.run_figures import (
     DESIRED,
     DPI,
     LIMB_COLOURS,
@@ -32,10 +33,9 @@ from cabols_control.run_report.figures import (
     draw_session,
     tension_ticks,
 )
-from cabols_control.run_report.figures_of_merit import checks
+from cabols_control.run_report.pictures.session_figure import has_session
 from cabols_control.run_report.run import BenchRun
 from cabols_control.run_report.section import ReportSection
-from cabols_control.run_report.session_figure import has_session
 
 POINTS = 5000
 """Per curve."""

@@ -10,7 +10,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from cabols_control.checks import FloatArray
-from cabols_control.run_report.figures import DPI
+from cabols_control.run_report.pictures.run_figures import DPI
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cabols_hw.abb.egm import EgmReader
-from cabols_hw.abb.rws import RobotMover
+from cabols_hw.abb.egm.reader import EgmReader
+from cabols_hw.abb.rws.motions import RobotMover
 from cabols_hw.robot.interface import Capability, Leg, RobotInfo, RobotSample
 
 EGM_RATE = 250.0

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from cabols_control.rig import Rig
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare_row
 from cabols_control.supervision.modes import OperatingMode

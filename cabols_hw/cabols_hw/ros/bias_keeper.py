@@ -11,9 +11,9 @@ from pathlib import Path
 from geometry_msgs.msg import WrenchStamped
 
 from cabols_control.errors import CabolsError, ConfigError
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.parameters import declare_row
-from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_hw.bridge.bridge import Bridge

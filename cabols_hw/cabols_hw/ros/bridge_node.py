@@ -11,9 +11,9 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from cabols_control.rig import Rig
-from cabols_control.ros import topics
-from cabols_control.ros.layout import Record
 from cabols_control.ros.loop import SLOW_INPUT, Input, make_wait_set, wait, wait_for
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.layout import Record
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.parameters import declare_row
 from cabols_control.ros.sessions import ModeInput, same_session

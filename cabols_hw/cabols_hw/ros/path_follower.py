@@ -13,9 +13,9 @@ from cabols_msgs.action import FollowPath
 from cabols_control.checks import FloatArray
 from cabols_control.errors import CabolsError
 from cabols_control.result_code import ResultCode
-from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input
+from cabols_control.ros.messages import topics
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.refusal import Refusal
 from cabols_control.ros.threads.pause import pause

@@ -7,8 +7,8 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.poses.track import pose_time
-from cabols_control.ros import topics
 from cabols_control.ros.loop import SLOW_INPUT, Input
+from cabols_control.ros.messages import topics
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.sessions import living, same_session
 from cabols_control.rotations import read_pose

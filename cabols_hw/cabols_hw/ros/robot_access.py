@@ -11,7 +11,7 @@ from pathlib import Path
 from cabols_control.errors import ConfigError
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.parameters import declare, declare_row
-from cabols_hw.abb.egm import EgmReader
+from cabols_hw.abb.egm.reader import EgmReader
 from cabols_hw.abb.robot import AbbAddress, AbbRobot
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.robot.interface import Robot

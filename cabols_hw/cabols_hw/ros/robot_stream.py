@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from cabols_control.checks import finite_array
 from cabols_control.naming import number
 from cabols_control.rig_folder import RigFolder
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 from cabols_control.ros.node import FAULT, RUNNING, WAITING, ControlNode
 from cabols_control.ros.sessions import ModeInput
 from cabols_control.ros.stops import STOPPED, StopLatch
@@ -26,8 +26,8 @@ from cabols_control.serial_arms.arm import read_serial_arm
 from cabols_control.stamps import SECOND_NS, STAMP, STAMP_AT
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
-from cabols_hw.abb.egm import EgmSample, StreamQuality
-from cabols_hw.abb.stream_quality import CountedStream
+from cabols_hw.abb.egm.reader import EgmSample, StreamQuality
+from cabols_hw.abb.egm.stream_quality import CountedStream
 
 WAIT_S = 0.01
 MOTORS_OFF = Fault(

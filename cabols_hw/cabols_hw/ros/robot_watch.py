@@ -11,11 +11,11 @@ from cabols_msgs.msg import LoopStatus
 from cabols_control.cdr import LayoutError
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
-from cabols_control.ros import topics
 from cabols_control.ros.live import live_name
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import ControlNode
 from cabols_control.ros.parameters import declare_row
-from cabols_control.ros.qos import topic_qos
 from cabols_control.supervision.held_load import taut_limbs
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import RobotConfigurations

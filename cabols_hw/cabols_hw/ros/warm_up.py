@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from cabols_control.rig import Rig
-from cabols_control.ros.layout import Layout
+from cabols_control.ros.messages.layout import Layout
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety.config import SafetyConfig

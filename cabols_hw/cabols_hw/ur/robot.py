@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cabols_control.naming import configuration_name
+from cabols_hw.abb.egm.stream_quality import CountedStream, Refusal
 from cabols_hw.abb.errors import MoveAbortedError, RobotError
-from cabols_hw.abb.stream_quality import CountedStream, Refusal
 from cabols_hw.robot.interface import Capability, Leg, RobotInfo, RobotSample
 from cabols_hw.ur.connection import RtdeConnection
 from cabols_hw.ur.handshake import (

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cabols_control.run_report.computer import missed, together
+from cabols_control.run_report.judgement.computer import missed, together
 from cabols_sim.bench.bare_timer import Timers
 
 BAG, LOG = "bag", "log"

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
-from cabols_control.run_report.computer import TimerRecord
+from cabols_control.run_report.judgement.computer import TimerRecord
 
 END_S = 5.0
 

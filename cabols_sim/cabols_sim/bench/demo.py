@@ -32,7 +32,7 @@ from cabols_control.files.output_folder import output_folder
 from cabols_control.load_programs.programs import BUILT_IN, LoadProgram, load_program
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import find_rig
-from cabols_control.run_report.computer import (
+from cabols_control.run_report.judgement.computer import (
     TimerError,
     advice,
     missed,
@@ -299,11 +299,11 @@ def _arguments() -> argparse.Namespace:
 
 def _report(arguments: argparse.Namespace, bag: Path, timers: Timers) -> int:
     """Analyse the bag; print, plot, write; judge the software apart from this computer."""
-    from cabols_control.run_report.acceptance import by_computer, failures
-    from cabols_control.run_report.figures import write_figures
-    from cabols_control.run_report.figures_of_merit import load_run, summarise, table
+    from cabols_control.run_report.judgement.acceptance import by_computer, failures
+    from cabols_control.run_report.judgement.figures_of_merit import load_run, summarise, table
+    from cabols_control.run_report.judgement.stalls import stall_numbers
+    from cabols_control.run_report.pictures.run_figures import write_figures
     from cabols_control.run_report.report import write_report
-    from cabols_control.run_report.stalls import stall_numbers
     from cabols_sim.reproductions import run_all
 
     output: Path = arguments.output

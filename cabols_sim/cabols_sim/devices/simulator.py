@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cabols_control import end_signals
+from cabols_control.bringup.launcher_watch import LauncherWatch
 from cabols_control.command_line import CommandParser, command, existing_file, rig_option
 from cabols_control.errors import CabolsError
 from cabols_control.realtime.scheduling import Scheduling, apply_scheduling, freeze_garbage
@@ -30,6 +31,10 @@ from cabols_sim.devices.ur.controller import UrController
 DEFAULT_RWS_PORT = 6580
 DEFAULT_WATCH_PORT = 6512
 DEFAULT_TRACKER_PORT = 6590
+LOOK_S = 0.5
+"""How often it looks after its launcher [s]."""
+LAST_S = 5.0
+"""Time that nodes have to unload when their launcher has died [s]."""
 
 
 def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -124,6 +129,15 @@ def _ports(controller: AbbController | UrController, options: argparse.Namespace
     return found
 
 
+def _wait_for_end(ended: threading.Event) -> None:
+    """Serve until a signal comes, or the launcher is dead and the nodes have had time to unload."""
+    launcher = LauncherWatch()
+    while not ended.wait(LOOK_S):
+        if launcher.is_dead:
+            ended.wait(LAST_S)
+            return
+
+
 @command
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM."""
@@ -147,7 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     scheduling = Scheduling(fifo_priority=options.fifo_priority, cpu=options.cpu)
     apply_scheduling(scheduling, lambda text: print(f"warning: {text}", file=sys.stderr))
     print("ready " + json.dumps(ports), flush=True)
-    ended.wait()
+    _wait_for_end(ended)
     if tracker is not None:
         tracker.stop()
     controller.stop()

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from cabols_control.geometry import RigGeometry
 from cabols_control.result_code import ResultCode
 from cabols_control.rig import Rig
-from cabols_control.ros import topics
-from cabols_control.ros.layout import Record
 from cabols_control.ros.loop import Input, Output
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.layout import Record
 from cabols_control.ros.node import run_node
 from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.supervision.modes import OperatingMode

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from cabols_control.checks import FloatArray
 from cabols_control.naming import limb_name, number
-from cabols_control.run_report.figures import new_figure, tidy
+from cabols_control.run_report.pictures.run_figures import new_figure, tidy
 from cabols_control.run_report.section import ReportSection
 from cabols_sim.reproductions.common import bench
 

@@ -14,7 +14,7 @@ from cabols_control.limb import (
     step_response,
 )
 from cabols_control.naming import limb_name
-from cabols_control.run_report.figures import new_figure, tidy
+from cabols_control.run_report.pictures.run_figures import new_figure, tidy
 from cabols_control.run_report.section import ReportSection
 from cabols_sim.plant.config import PlantConfig
 from cabols_sim.reproductions.common import (

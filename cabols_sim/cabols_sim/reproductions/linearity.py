@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 from cabols_control.checks import FloatArray
-from cabols_control.run_report.figures import LIMB_COLOURS, new_figure, tidy
+from cabols_control.run_report.judgement.step_response import rise_time
+from cabols_control.run_report.pictures.run_figures import LIMB_COLOURS, new_figure, tidy
 from cabols_control.run_report.section import ReportSection
-from cabols_control.run_report.step_response import rise_time
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.reproductions.common import PERIOD_S, bench
 

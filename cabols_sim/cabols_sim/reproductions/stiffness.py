@@ -8,7 +8,7 @@ import numpy as np
 from cabols_control.checks import FloatArray
 from cabols_control.gains import limb_gains
 from cabols_control.limb import StiffnessFit, identify_stiffness
-from cabols_control.run_report.figures import decimate, new_figure, tidy
+from cabols_control.run_report.pictures.run_figures import decimate, new_figure, tidy
 from cabols_control.run_report.section import ReportSection
 from cabols_sim.reproductions.common import (
     K_CABLE,

@@ -12,9 +12,9 @@ from scipy import signal
 
 from cabols_control.checks import FloatArray
 from cabols_control.gains import limb_gains
-from cabols_control.run_report.figures import new_figure, tidy
+from cabols_control.run_report.judgement.step_response import rise_time
+from cabols_control.run_report.pictures.run_figures import new_figure, tidy
 from cabols_control.run_report.section import ReportSection
-from cabols_control.run_report.step_response import rise_time
 from cabols_sim.plant.config import LimbPlantConfig
 from cabols_sim.reproductions.common import (
     K_CABLE,

@@ -12,9 +12,9 @@ from geometry_msgs.msg import WrenchStamped
 
 from cabols_control.checks import FloatArray
 from cabols_control.rig import load_rig
-from cabols_control.ros import topics
 from cabols_control.ros.loop import Input, make_wait_set, wait
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.rig_client import ActionFailedError, RigClient
 from cabols_control.stamps import time_ns
 from cabols_control.supervision.faults import FaultName, fault_name

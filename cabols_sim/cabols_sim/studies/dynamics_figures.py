@@ -12,8 +12,14 @@ from matplotlib.figure import Figure
 from cabols_control.checks import FloatArray
 from cabols_control.naming import cable_name, number
 from cabols_control.rig import Rig
-from cabols_control.run_report.figures import LIMB_COLOURS, LIMIT, limit_line, new_figure, tidy
-from cabols_control.run_report.figures_of_merit import designed_response
+from cabols_control.run_report.judgement.figures_of_merit import designed_response
+from cabols_control.run_report.pictures.run_figures import (
+    LIMB_COLOURS,
+    LIMIT,
+    limit_line,
+    new_figure,
+    tidy,
+)
 from cabols_sim.dynamics.bench_vibration import LOOP_DELAY_S, Frequencies
 from cabols_sim.dynamics.loops import FREQUENCIES, ComplexArray, limb_loop, wrench_loop
 from cabols_sim.dynamics.planar_case import TENSION_MIN, CaseRun, Effect

@@ -13,8 +13,8 @@ import numpy as np
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import rig_file
-from cabols_control.run_report.figures import DPI
-from cabols_control.run_report.step_response import analyse_steps
+from cabols_control.run_report.judgement.step_response import analyse_steps
+from cabols_control.run_report.pictures.run_figures import DPI
 from cabols_hw.abb.configurations import load_configurations
 from cabols_sim.devices.robot.robot_config import load_robot_truth
 from cabols_sim.devices.robot.robot_target import RobotTarget

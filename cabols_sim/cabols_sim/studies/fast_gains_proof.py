@@ -17,8 +17,8 @@ from cabols_control.errors import CabolsError
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_folder import BENCH, find_rig, rig_file
-from cabols_control.run_report.figures import DPI, draw_overview
-from cabols_control.run_report.figures_of_merit import load_run, summarise
+from cabols_control.run_report.judgement.figures_of_merit import load_run, summarise
+from cabols_control.run_report.pictures.run_figures import DPI, draw_overview
 from cabols_sim.bench.run import run_bench
 from cabols_sim.dynamics.bench_vibration import margin_numbers
 from cabols_sim.plant.closed_loop import simulate
@@ -113,7 +113,7 @@ def run_program(program: str, control: Path, folder: Path, rig: str = BENCH) -> 
         rig: name or folder, see find_rig.
 
     Returns:
-        As cabols_control.run_report.figures_of_merit.summarise.
+        As cabols_control.run_report.judgement.figures_of_merit.summarise.
 
     Raises:
         RunFailedError: if the graph ended before the programme.

@@ -13,7 +13,7 @@ from cabols_control.checks import FloatArray, in_range
 from cabols_control.errors import OutOfRangeError
 from cabols_control.load_programs.programs import LoadProgram
 from cabols_control.rig import Rig
-from cabols_control.run_report.step_response import analyse_steps
+from cabols_control.run_report.judgement.step_response import analyse_steps
 from cabols_hw.card.config import CardConfig
 from cabols_sim.dynamics.bench_vibration import LOOP_DELAY_S
 from cabols_sim.dynamics.loops import design_margins

@@ -23,9 +23,9 @@ from cabols_control.bags.recover import recover
 from cabols_control.errors import CabolsError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.result_code import ResultCode
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode, run_node
 from cabols_control.ros.parameters import declare_row
-from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.threads.pause import pause
 from cabols_control.rotations import read_pose
 from cabols_control.stamps import set_time

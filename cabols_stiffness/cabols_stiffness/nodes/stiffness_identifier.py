@@ -11,8 +11,8 @@ from cabols_msgs.msg import CampaignStatus, StiffnessEstimate, StiffnessLoad
 from rclpy.serialization import serialize_message
 
 from cabols_control.errors import CabolsError
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import RUNNING, ControlNode, run_node
-from cabols_control.ros.qos import topic_qos
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_stiffness.campaign.journal import PLAN, read_samples
 from cabols_stiffness.campaign.plan import load_plan

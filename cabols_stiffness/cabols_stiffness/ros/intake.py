@@ -16,10 +16,10 @@ from rclpy.serialization import deserialize_message
 from cabols_control.bags.metadata import OfferedQos
 from cabols_control.bags.writer import BagWriter
 from cabols_control.cdr import LayoutError
-from cabols_control.ros import topics
 from cabols_control.ros.loop import Input, make_wait_set, subscribe_aside, wait_for
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.qos import topic_qos
 from cabols_control.ros.sessions import ModeInput
 from cabols_control.ros.threads.guarded_thread import GuardedThread
 from cabols_control.stamps import column_ns, time_ns

@@ -8,7 +8,7 @@ import threading
 import numpy as np
 
 from cabols_control.checks import FloatArray
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
 from cabols_control.ros.node import ControlNode
 
 

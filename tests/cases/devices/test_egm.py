@@ -11,7 +11,7 @@ import random
 import numpy as np
 import pytest
 
-from cabols_hw.abb.egm import EgmReader, PacketCounter, StreamQuality
+from cabols_hw.abb.egm.reader import EgmReader, PacketCounter, StreamQuality
 from egm_packets import PERIOD_S, numbered, udp
 
 

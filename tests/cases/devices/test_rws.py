@@ -15,7 +15,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import pytest
 
 from cabols_hw.abb.errors import RobotError
-from cabols_hw.abb.rws import RobotMover
+from cabols_hw.abb.rws.motions import RobotMover
 from cases import outcome
 from rws_fake import DROP, PASSWORD, USER, FakeController, failure_body
 

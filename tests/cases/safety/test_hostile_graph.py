@@ -13,8 +13,8 @@ from cabols_msgs.msg import Mode
 from cabols_msgs.srv import SetMode
 from std_srvs.srv import Trigger
 
-from cabols_control.ros.qos import topic_qos
-from cabols_control.ros.topics import message_type
+from cabols_control.ros.messages.qos import topic_qos
+from cabols_control.ros.messages.topics import message_type
 from cabols_control.topics import LIVE, TOPICS
 from graph_harness import run_scenario
 from hostile_messages import hostile

@@ -18,8 +18,8 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from cabols_control.console.latest import LatestValues
-from cabols_control.ros import transport
 from cabols_control.ros.console.calls import Calls
+from cabols_control.ros.messages import transport
 from graph_harness import next_environment
 
 pytestmark = pytest.mark.ros
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.ros
 RESTARTS = 6
 SERVER = """
 import rclpy
-from cabols_control.ros import transport
+from cabols_control.ros.messages import transport
 from std_srvs.srv import Trigger
 
 def answer(request, reply):

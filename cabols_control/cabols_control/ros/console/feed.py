@@ -31,10 +31,10 @@ from cabols_control.frames import load_wrench_frames
 from cabols_control.naming import reflector_name, told
 from cabols_control.rig import Rig
 from cabols_control.rig_folder import RigFolder
-from cabols_control.ros import topics
 from cabols_control.ros.framed_wrench import FramedInput
 from cabols_control.ros.live import live_name
 from cabols_control.ros.loop import Input
+from cabols_control.ros.messages import topics
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.sessions import ModeFilter
 from cabols_control.rotations import read_pose

@@ -14,8 +14,8 @@ from cabols_msgs.msg import LoopStatus, Mode
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from cabols_control.ros import transport
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages import transport
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.reader import Reader
 from cabols_control.ros.rig_client.calls import RigCalls
 from cabols_control.ros.rig_client.errors import AbandonedError, RigFaultError, RigTimeoutError

@@ -11,12 +11,12 @@ from typing import Any
 from rclpy.node import Node
 
 from cabols_control.errors import CabolsError
-from cabols_control.ros.ending import go_on
-from cabols_control.ros.host_claim import HostClaim
+from cabols_control.ros.lifetime.ending import go_on
+from cabols_control.ros.lifetime.host_claim import HostClaim
 from cabols_control.ros.loop import subscribe_aside
-from cabols_control.ros.qos import topic_qos
+from cabols_control.ros.messages.qos import topic_qos
+from cabols_control.ros.messages.topics import message_type
 from cabols_control.ros.threads.node_executor import taken_or_none
-from cabols_control.ros.topics import message_type
 
 LISTEN_S = 2.0
 """A node that is about to start listens so long for another one in its role [s]: twenty modes. On a

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cabols_control.rig import Rig
-from cabols_control.ros import topics
 from cabols_control.ros.loop import Input, make_wait_set, wait_for
+from cabols_control.ros.messages import topics
 
 IDLE_NS = 50_000_000
 ROW = np.dtype(

@@ -10,9 +10,9 @@ from contextlib import suppress
 
 from cabols_control.naming import configuration_name
 from cabols_hw.abb.errors import MoveAbortedError, RobotError, RwsError, RwsFailure
-from cabols_hw.abb.rapid_handshake import RapidHandshake, judge_motion
-from cabols_hw.abb.rws_client import RwsLane, RwsSession
-from cabols_hw.abb.rws_stop import StopAttempts
+from cabols_hw.abb.rws.client import RwsLane, RwsSession
+from cabols_hw.abb.rws.rapid_handshake import RapidHandshake, judge_motion
+from cabols_hw.abb.rws.stop import StopAttempts
 from cabols_hw.robot.interface import Leg
 
 __all__ = ["RobotMover", "judge_motion"]

@@ -13,8 +13,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from cabols_hw.abb.errors import RwsError, RwsFailure
-from cabols_hw.abb.http_exchange import HttpAnswer
-from cabols_hw.abb.rws_dialects import MODULE, RwsCall
+from cabols_hw.abb.rws.dialects import MODULE, RwsCall
+from cabols_hw.abb.rws.http_exchange import HttpAnswer
 
 SYMBOL_CODES = frozenset({-1073442809, -1073442804})
 """Codes of a RAPID symbol that is not found."""

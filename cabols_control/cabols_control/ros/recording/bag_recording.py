@@ -20,7 +20,7 @@ from cabols_control.bags.writer import BagWriter, Split
 from cabols_control.realtime.scheduling import be_ordinary, collect_young
 from cabols_control.ros.loop import IDLE_NS, make_wait_set, wait_for
 from cabols_control.ros.node import RUNNING, WAITING, ControlNode
-from cabols_control.ros.recorded_topic import Item, RecordedTopic
+from cabols_control.ros.recording.recorded_topic import Item, RecordedTopic
 from cabols_control.stamps import first_stamp
 from cabols_control.topics import Topic
 

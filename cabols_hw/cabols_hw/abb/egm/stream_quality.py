@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from enum import Enum
 
-from cabols_hw.abb.packet_counter import PacketCounter
+from cabols_hw.abb.egm.packet_counter import PacketCounter
 
 REFUSED = 5
 """Refused packets in a window that are told."""

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cabols_control.naming import number
+from cabols_control.run_report.judgement.phases import FREE_TENSION_MAX_N, phases
 from cabols_control.run_report.motion import RecordedMotion
-from cabols_control.run_report.phases import FREE_TENSION_MAX_N, phases
 from cabols_control.run_report.run import BenchRun
 from cabols_control.supervision.modes import OperatingMode
 

@@ -15,8 +15,8 @@ from collections.abc import Callable
 import numpy as np
 
 from cabols_hw.abb.errors import RobotError
-from cabols_hw.abb.rws_client import RwsLane
-from cabols_hw.abb.rws_dialects import TASK, Dialect
+from cabols_hw.abb.rws.client import RwsLane
+from cabols_hw.abb.rws.dialects import TASK, Dialect
 from cabols_hw.robot.interface import Leg
 
 STARTING = -1

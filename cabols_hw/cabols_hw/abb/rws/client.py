@@ -9,16 +9,16 @@ from typing import TypeVar
 from urllib.parse import urlsplit
 
 from cabols_hw.abb.errors import RwsError, RwsFailure
-from cabols_hw.abb.http_exchange import (
+from cabols_hw.abb.rws.answers import value_of
+from cabols_hw.abb.rws.dialects import RWS_1, RWS_2, Dialect, RwsCall
+from cabols_hw.abb.rws.http_exchange import (
     Deadline,
     HttpAddress,
     HttpAnswer,
     HttpConnection,
     tls_context,
 )
-from cabols_hw.abb.http_login import Login, Scheme
-from cabols_hw.abb.rws_answers import value_of
-from cabols_hw.abb.rws_dialects import RWS_1, RWS_2, Dialect, RwsCall
+from cabols_hw.abb.rws.http_login import Login, Scheme
 
 T = TypeVar("T")
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cabols_control.run_report.computer import is_computers
-from cabols_control.run_report.phases import FREE_TENSION_MAX_N
+from cabols_control.run_report.judgement.computer import is_computers
+from cabols_control.run_report.judgement.phases import FREE_TENSION_MAX_N
 
 RISE_TOLERANCE_S = 0.03
 OVERSHOOT_MAX_PERCENT = {False: 5.0, True: 8.0}

@@ -7,7 +7,7 @@ import numpy as np
 from abb_robot_client._egm_protobuf import egm_pb2
 from google.protobuf.message import DecodeError
 
-from cabols_hw.abb.stream_quality import Refusal
+from cabols_hw.abb.egm.stream_quality import Refusal
 from cabols_hw.robot.interface import RobotSample
 
 AXES = 6

@@ -15,10 +15,10 @@ import struct
 import time
 
 from cabols_control.naming import number
-from cabols_hw.abb.egm_sample import EgmSample, read_packet
+from cabols_hw.abb.egm.packet_counter import PacketCounter
+from cabols_hw.abb.egm.sample import EgmSample, read_packet
+from cabols_hw.abb.egm.stream_quality import MALFORMED, CountedStream, Refusal, StreamQuality
 from cabols_hw.abb.errors import RobotError
-from cabols_hw.abb.packet_counter import PacketCounter
-from cabols_hw.abb.stream_quality import MALFORMED, CountedStream, Refusal, StreamQuality
 
 __all__ = ["EgmReader", "EgmSample", "PacketCounter", "StreamQuality"]
 

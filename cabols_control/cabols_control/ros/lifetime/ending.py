@@ -6,11 +6,11 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from types import FrameType
 
 from cabols_control import end_signals
-from cabols_control.bringup.specs import LAUNCHER
+from cabols_control.bringup.launcher_watch import LauncherWatch
 from cabols_control.command_line import DONE
 
 END_LIMIT_S = 5.0
@@ -22,20 +22,13 @@ class EndedEarly(Exception):  # noqa: N818 - nothing is wrong
 
 
 class EndRequest:
-    """Notes the signals to end and a dead launcher; none of them ends the process by itself.
-
-    A launcher names itself in the environment. Where it is the parent, its death is seen by the
-    parent that a child then gets; otherwise it has died before this process looked, or there is a
-    program between the two, and its process id is watched.
-    """
+    """Notes the signals to end and a dead launcher; none of them ends the process by itself."""
 
     def __init__(self) -> None:
         """Take over the signals, those that have waited among them."""
         self._since_s: float | None = None
         self._at_once = False
-        named = os.environ.get(LAUNCHER, "")
-        self._launcher = int(named) if named.isdecimal() else 0
-        self._is_parent = self._launcher == os.getppid()
+        self._launcher = LauncherWatch()
         end_signals.handle(self._hear)
 
     def _hear(self, number: int, frame: FrameType | None) -> None:
@@ -63,27 +56,20 @@ class EndRequest:
         if self._since_s is None:
             self._since_s = time.monotonic()
 
-    def _launcher_lives(self) -> bool:
-        if self._is_parent:
-            return os.getppid() == self._launcher
-        with suppress(PermissionError):
-            try:
-                os.kill(self._launcher, 0)
-            except ProcessLookupError:
-                return False
-        return True
-
     @property
     def asked(self) -> bool:
         """Whether the process is to end."""
-        if self._launcher and not self._launcher_lives():
+        if self._launcher.is_dead:
             self._note()
         return self._since_s is not None
 
-    @property
-    def overdue(self) -> bool:
-        """Whether a load may keep it no longer."""
-        return self._since_s is not None and time.monotonic() - self._since_s > END_LIMIT_S
+    def overdue(self, limit_s: float = END_LIMIT_S) -> bool:
+        """Whether a load may keep it no longer.
+
+        Args:
+            limit_s: how long it may [s].
+        """
+        return self._since_s is not None and time.monotonic() - self._since_s > limit_s
 
 
 _REQUESTS: list[EndRequest] = []

@@ -21,7 +21,7 @@ from cabols_msgs.msg import (
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 
 from cabols_control.geometry import RigGeometry
-from cabols_control.ros.layout import Layout
+from cabols_control.ros.messages.layout import Layout
 from cabols_control.topics import TOPICS, topic_row
 
 

@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 from cabols_control.checks import FloatArray
 from cabols_control.naming import limb_name
 from cabols_control.rig import load_rig
-from cabols_control.run_report.figures_of_merit import summarise
-from cabols_control.run_report.run import BenchRun
-from cabols_control.run_report.session_figure import (
+from cabols_control.run_report.judgement.figures_of_merit import summarise
+from cabols_control.run_report.pictures.session_figure import (
     FREE_SCALE_N,
     draw_bands,
     draw_motion,
@@ -25,6 +24,7 @@ from cabols_control.run_report.session_figure import (
     has_session,
     session_panels,
 )
+from cabols_control.run_report.run import BenchRun
 
 COMPONENTS = ("$f_x$ [N]", "$f_y$ [N]", "$f_z$ [N]", "$m_x$ [N m]", "$m_y$ [N m]", "$m_z$ [N m]")
 LIMB_COLOURS = (

@@ -6,8 +6,15 @@ from __future__ import annotations
 import numpy as np
 
 from cabols_control.checks import FloatArray
+from cabols_control.run_report.judgement.vector_errors import (
+    IDLE,
+    KINDS,
+    lengths,
+    lengths_where,
+    rms,
+    sizes,
+)
 from cabols_control.run_report.run import BenchRun
-from cabols_control.run_report.vector_errors import IDLE, KINDS, lengths, lengths_where, rms, sizes
 
 
 def error_numbers(run: BenchRun) -> dict[str, float]:

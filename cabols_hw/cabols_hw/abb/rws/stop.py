@@ -13,8 +13,8 @@ import threading
 from collections.abc import Callable
 
 from cabols_hw.abb.errors import RobotError, RwsError
-from cabols_hw.abb.http_exchange import Deadline
-from cabols_hw.abb.rws_client import RwsSession
+from cabols_hw.abb.rws.client import RwsSession
+from cabols_hw.abb.rws.http_exchange import Deadline
 
 EVERY_S = 0.1
 """Longest time between the beginnings of two attempts."""

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from cabols_control.checks import BoolArray
-from cabols_control.run_report.computer import TimerRecord
-from cabols_control.run_report.errors_of_wrench import error_numbers
-from cabols_control.run_report.phases import highest_free_tension
+from cabols_control.run_report.judgement.computer import TimerRecord
+from cabols_control.run_report.judgement.errors_of_wrench import error_numbers
+from cabols_control.run_report.judgement.phases import highest_free_tension
 from cabols_control.run_report.run import BenchRun
 
 LONG_S = 0.005

@@ -11,9 +11,10 @@ from scipy import signal
 from cabols_control.checks import FloatArray
 from cabols_control.load_programs.preview import smoothed_rise_time
 from cabols_control.rig import Rig
-from cabols_control.run_report.acceptance import Check, checks, table
-from cabols_control.run_report.errors_of_wrench import error_numbers
-from cabols_control.run_report.phases import phase_numbers
+from cabols_control.run_report.judgement.acceptance import Check, checks, table
+from cabols_control.run_report.judgement.errors_of_wrench import error_numbers
+from cabols_control.run_report.judgement.phases import phase_numbers
+from cabols_control.run_report.judgement.step_response import Response, analyse_steps, rise_time
 from cabols_control.run_report.run import (
     BenchRun,
     ModeInterval,
@@ -22,7 +23,6 @@ from cabols_control.run_report.run import (
     join_run,
     load_run,
 )
-from cabols_control.run_report.step_response import Response, analyse_steps, rise_time
 from cabols_control.supervision.modes import OperatingMode
 
 __all__ = [

@@ -11,10 +11,10 @@ from rclpy.qos import QoSProfile
 
 from cabols_control.bags.join_policy import JoinPolicy
 from cabols_control.bags.lost_messages import LostMessages
-from cabols_control.ros import topics
 from cabols_control.ros.loop import subscribe_aside
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import quality_qos
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.qos import quality_qos
 from cabols_control.topics import Topic
 
 QUEUE_DEPTH = 4000

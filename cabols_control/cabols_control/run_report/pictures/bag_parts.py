@@ -15,7 +15,8 @@ from cabols_control.bags.reader import Bag, Series
 from cabols_control.checks import FloatArray
 from cabols_control.naming import joint_name, limb_name
 from cabols_control.rig import Rig
-from cabols_control.run_report.figures import (
+from cabols_control.run_report.motion import POSITION
+from cabols_control.run_report.pictures.run_figures import (
     COMPONENTS,
     DESIRED,
     LIMB_COLOURS,
@@ -26,10 +27,9 @@ from cabols_control.run_report.figures import (
     new_figure,
     tidy,
 )
-from cabols_control.run_report.motion import POSITION
+from cabols_control.run_report.pictures.session_figure import MODE_COLOURS, MODE_NAMES
 from cabols_control.run_report.programme import AXES
 from cabols_control.run_report.run import QUATERNION
-from cabols_control.run_report.session_figure import MODE_COLOURS, MODE_NAMES
 from cabols_control.run_report.user_frame import (
     frame_of,
     poses_at,
