@@ -36,6 +36,21 @@ def controller(rig):
     return LimbController(rig)
 
 
+def test_a_limb_on_a_moving_platform_leads_by_half_a_period(controller, rig):
+    """At steady speed the law acts as if the cable were stretched by half a millisecond more."""
+    speed, later, mode = 0.08, LimbController(rig), OperatingMode.LOADING
+    ahead = 0.0005 * speed
+    for k in range(20):
+        moving = loaded(0.001 * k)._replace(cable_speed=np.full(N, speed))
+        stretched = loaded(0.001 * k)._replace(
+            elongation=moving.elongation + ahead, tension=moving.tension + 2200.0 * ahead
+        )
+        led = controller.step(moving, mode, setpoint(0.001 * k, 12.0)).copy()
+        # What feeds the motor that speed is in the first current of a bumpless start.
+        assert led == pytest.approx(later.step(stretched, mode, setpoint(0.001 * k, 12.0)))
+    assert (led > 0.0).all()
+
+
 @pytest.mark.parametrize("mode", [OperatingMode.STOPPED, OperatingMode.FAULT])
 def test_rest_is_zero_current(controller, mode):
     controller.step(loaded(0.000), OperatingMode.LOADING, setpoint(0.0, 50.0))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cabols_control.poses.filters import DEGREE, FORGETTING, GAINS, go_on
 from cabols_control.poses.track import Heard, hear_pose, place_platform, pose_time, pose_track
 
 HORIZON_S = 0.04
@@ -223,14 +224,45 @@ def test_noise_is_filtered_without_a_lag_that_counts(motion, most):
     assert np.abs(places).max() < 16.0 * NOISE_M
 
 
-def test_filters_leave_poses_without_noise_alone():
-    """A shaking that is told exactly is extrapolated as by the differences alone."""
-    track, off = begun(), []
+@pytest.mark.parametrize(
+    ("frequency", "amplitude", "most_m", "most"),
+    [(2.0, 0.01, 2e-6, 0.02), (5.0, 0.004, 1e-5, 0.25)],
+)
+def test_shaking_without_noise_is_followed_in_place_and_acceleration(
+    frequency, amplitude, most_m, most
+):
+    """The differences alone are 7 and 40 um, 0.04 and 0.6 m/s^2 off."""
+    track, off, swing = begun(), [], 2.0 * np.pi * frequency
     for t in np.arange(0.0, 2.0, PERIOD_S):
-        hear_pose(track, t, np.array([0.01 * np.sin(4.0 * np.pi * t), 0.0, 0.0]), np.eye(3))
-        place_platform(track, t + 0.006)
-        off.append(track["place"][0, 0] - 0.01 * np.sin(4.0 * np.pi * (t + 0.006)))
-    assert np.std(off[50:]) < 8e-6
+        hear_pose(track, t, np.array([amplitude * np.sin(swing * t), 0.0, 0.0]), np.eye(3))
+        for age_s in (0.004, 0.008, 0.012):
+            place_platform(track, t + age_s)
+            place = amplitude * np.sin(swing * (t + age_s))
+            missed = track["place"][0, 0] - place, track["acceleration"][0, 0] + swing**2 * place
+            off.append(missed)
+    settled = np.array(off[300:])
+    assert np.sqrt(np.mean(settled[:, 0] ** 2)) < most_m
+    assert np.sqrt(np.mean(settled[:, 1] ** 2)) < most
+
+
+def test_filters_correct_as_fading_memory_polynomials_do():
+    """Brookner 1998, section 1.3: all roots at what is kept; the published gains of degree 2."""
+    for degree, kept, gains in zip(DEGREE[1:], FORGETTING[1:], GAINS[1:], strict=True):
+        orders = degree + 1
+        on = np.zeros((5, 6))
+        transition = np.zeros((orders, orders))
+        for order in range(orders):
+            on[:] = 0.0
+            on[order, 0] = 1.0
+            go_on(on, degree, 1.0)
+            transition[:, order] = on[:orders, 0]
+        missed = np.eye(orders) - np.outer(gains[:orders], np.eye(orders)[0])
+        found = np.poly(missed @ transition)
+        assert found == pytest.approx(np.poly(np.full(orders, kept)), abs=1e-6)
+        if degree == 2:
+            rest = 1.0 - kept
+            published = [1.0 - kept**3, 1.5 * (1.0 - kept**2) * rest, rest**3]
+            assert gains[:3] == pytest.approx(published, rel=1e-6)
 
 
 def test_what_filters_knew_is_forgotten_by_a_jump():

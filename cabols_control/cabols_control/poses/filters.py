@@ -11,7 +11,7 @@ announced the last poses, and what is used is their mean, weighted by
 Poses without noise leave the differences alone, as all others miss more; poses that stand leave
 the mean of their places, at rest.
 
-Filters: the differences themselves; fading-memory polynomials of second and of first degree
+Filters: the differences themselves; fading-memory polynomials of fourth to first degree
 (Brookner, Tracking and Kalman Filtering Made Easy, 1998, section 1.3); the mean place. Each is kept
 by what it has off the newest pose, so that rotations stay small vectors.
 """
@@ -25,10 +25,10 @@ from numba import njit
 
 from cabols_control.checks import FloatArray
 
-FILTERS = 5
-DEGREE = np.array([2, 2, 2, 1, 0])
-FORGETTING = np.array([0.0, 0.5, 0.75, 0.9, 0.95])
+DEGREE = np.array([2, 4, 3, 2, 2, 1, 0])
+FORGETTING = np.array([0.0, 0.1, 0.2, 0.5, 0.75, 0.9, 0.95])
 """Degree of each filter's motion, and what it keeps of the past from pose to pose."""
+FILTERS, ORDERS = 7, 5
 SCORE_SHARE = 0.06
 """Of the newest miss in a score: about 16 poses count."""
 WEIGHTING = 4
@@ -41,10 +41,9 @@ FLOOR = (1e-8, 1e-8)
 POSE_FILTERS = np.dtype(
     [
         ("heard", np.int64),  # misses that the scores hold
-        ("off", np.float64, (FILTERS, 6)),  # from the newest pose [m], [rad], base axes
-        ("speed", np.float64, (FILTERS, 6)),  # at the newest pose [m/s], [rad/s]
-        ("gain", np.float64, (FILTERS, 6)),  # acceleration [m/s^2], [rad/s^2]
-        ("jerk", np.float64, (6,)),  # of the differences [m/s^3], [rad/s^3]
+        # Place off the newest pose, speed, acceleration and so on [m/s^order], [rad/s^order], base
+        # axes. Of the differences, the third is of smoothed accelerations, two steps late.
+        ("motion", np.float64, (FILTERS, ORDERS, 6)),
         ("score", np.float64, (2, FILTERS)),  # of places [m^2], of rotations [rad^2]
     ],
     align=True,
@@ -52,14 +51,39 @@ POSE_FILTERS = np.dtype(
 """The filters' states."""
 
 
+def _correction_gains() -> FloatArray:
+    """(FILTERS, ORDERS) what a miss changes of each order, for steps of one second.
+
+    The polynomial through the poses r steps ago that is least in sum kept^r miss_r^2.
+    """
+    gains, ago = np.zeros((FILTERS, ORDERS)), np.arange(2000.0)
+    for i in range(1, FILTERS):
+        powers = np.vander(-ago, DEGREE[i] + 1, increasing=True)
+        weighted = powers.T * FORGETTING[i] ** ago
+        factorial = np.cumprod(np.maximum(np.arange(DEGREE[i] + 1.0), 1.0))
+        gains[i, : DEGREE[i] + 1] = factorial * np.linalg.inv(weighted @ powers)[0]
+    return gains
+
+
+GAINS = _correction_gains()
+
+
+@njit(cache=True)
+def go_on(motion: FloatArray, degree: int, dt_s: float) -> None:
+    """Move (ORDERS, 6), from places to the highest order, on by a time [s]."""
+    for order in range(degree):
+        share = 1.0
+        for more in range(1, degree + 1 - order):
+            share *= dt_s / more
+            for k in range(6):
+                motion[order, k] += share * motion[order + more, k]
+
+
 @njit(cache=True)
 def restart_filters(filters: Any) -> None:
     """Forget the motion; a record of POSE_FILTERS."""
     filters["heard"] = 0
-    filters["off"][:] = 0.0
-    filters["speed"][:] = 0.0
-    filters["gain"][:] = 0.0
-    filters["jerk"][:] = 0.0
+    filters["motion"][:] = 0.0
     filters["score"][:] = 0.0
 
 
@@ -73,65 +97,54 @@ def hear_step(filters: Any, step: FloatArray, dt_s: float, last: Any) -> None:
         dt_s: between the two [s].
         last: whether the differences announced this pose, so that it can be judged by.
     """
-    off, speed, gain, score = filters["off"], filters["speed"], filters["gain"], filters["score"]
     if last:
         filters["heard"] += 1
     share = max(SCORE_SHARE, 1.0 / max(filters["heard"], 1))
+    score, went = filters["score"], np.empty((ORDERS, 6))
     for i in range(FILTERS):
-        kept = FORGETTING[i]
-        missed = np.zeros(2)
+        motion, missed = filters["motion"][i], np.zeros(2)
+        went[:] = motion
+        go_on(went, DEGREE[i], dt_s)
         for k in range(6):
-            announced = off[i, k] + speed[i, k] * dt_s + 0.5 * gain[i, k] * dt_s * dt_s
-            miss = step[k] - announced
+            miss = step[k] - went[0, k]
             missed[k // 3] += miss * miss
             if i == 0:
                 continue
-            off[i, k] = -(kept ** (DEGREE[i] + 1)) * miss
-            speed[i, k] += gain[i, k] * dt_s
-            if DEGREE[i] == 2:
-                speed[i, k] += 1.5 * (1.0 - kept**2) * (1.0 - kept) * miss / dt_s
-                gain[i, k] += (1.0 - kept) ** 3 * miss / (dt_s * dt_s)
-            elif DEGREE[i] == 1:
-                speed[i, k] += (1.0 - kept) ** 2 * miss / dt_s
+            motion[0, k], scale = (GAINS[i, 0] - 1.0) * miss, miss
+            for order in range(1, DEGREE[i] + 1):
+                scale /= dt_s
+                motion[order, k] = went[order, k] + GAINS[i, order] * scale
         if last:
             for part in range(2):
                 score[part, i] += share * (missed[part] - score[part, i])
 
 
 @njit(cache=True)
-def mean_of_filters(
-    filters: Any, off: FloatArray, speed: FloatArray, gain: FloatArray, jerk: FloatArray
-) -> None:
+def mean_of_filters(filters: Any, motion: FloatArray, late: FloatArray) -> None:
     """Fill what the filters say together.
 
     Args:
         filters: a record of POSE_FILTERS.
-        off: (6,) from the newest pose, filled [m], [rad], base axes.
-        speed: (6,), filled [m/s], [rad/s].
-        gain: (6,) acceleration, filled [m/s^2], [rad/s^2].
-        jerk: (6,), filled [m/s^3], [rad/s^3].
+        motion: (ORDERS, 6) place off the newest pose, speed, acceleration and so on, filled.
+        late: (6,) with which the differences' acceleration goes on, by their weight; filled.
     """
+    motion[:] = 0.0
     for part in range(2):
         floor = FLOOR[part] * FLOOR[part]
-        best = np.inf
+        best, total = np.inf, 0.0
         for i in range(FILTERS):
             best = min(best, filters["score"][part, i] + floor)
-        total = 0.0
-        for k in range(3 * part, 3 * part + 3):
-            off[k] = speed[k] = gain[k] = 0.0
+        axes = slice(3 * part, 3 * part + 3)
         for i in range(FILTERS):
             weight = (best / (filters["score"][part, i] + floor)) ** WEIGHTING
             if i > 0 and filters["heard"] < JUDGED:
                 weight = 0.0
             total += weight
-            for k in range(3 * part, 3 * part + 3):
-                off[k] += weight * filters["off"][i, k]
-                speed[k] += weight * filters["speed"][i, k]
-                gain[k] += weight * filters["gain"][i, k]
-        for k in range(3 * part, 3 * part + 3):
-            # Only the differences have one, so that noise takes it away with their weight.
-            share = (best / (filters["score"][part, 0] + floor)) ** WEIGHTING / total
-            jerk[k] = share * filters["jerk"][k]
-            off[k] /= total
-            speed[k] /= total
-            gain[k] /= total
+            for k in range(axes.start, axes.stop):
+                for order in range(DEGREE[i] + 1):
+                    motion[order, k] += weight * filters["motion"][i, order, k]
+                if i == 0:
+                    late[k] = weight * filters["motion"][i, 3, k]
+        # Noise takes high orders away with their filters' weights.
+        motion[:, axes] /= total
+        late[axes] /= total

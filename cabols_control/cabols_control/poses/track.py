@@ -24,7 +24,9 @@ from numba import njit
 
 from cabols_control.checks import FloatArray
 from cabols_control.poses.filters import (
+    ORDERS,
     POSE_FILTERS,
+    go_on,
     hear_step,
     mean_of_filters,
     restart_filters,
@@ -42,6 +44,8 @@ SPIN_MAX = 50.0
 """Angular acceleration, likewise [rad/s^2]."""
 JERK_MAX, SPIN_JERK_MAX = 400.0, 2000.0
 """That an acceleration is extrapolated with, at most [m/s^3], [rad/s^3]."""
+HIGHEST = np.array([[0.0, 0.0, 0.0, JERK_MAX, 2e4], [0.0, 0.0, 0.0, SPIN_JERK_MAX, 1e5]])
+"""Of each order from the third on, likewise, in places and rotations [m/s^order], [rad/s^order]."""
 SPEED_MAX, TURNING_MAX = 1.0, 3.0
 """Speeds beyond these are no robot's under load [m/s], [rad/s]."""
 NOISE_MPS, NOISE_RADPS = 0.01, 0.1
@@ -76,16 +80,15 @@ POSE_TRACK = np.dtype(
         ("poses", np.int64),  # whether there is one
         ("time", np.float64),  # of the newest pose [s]
         ("step", np.float64),  # between the last two [s]
+
         ("lag", np.float64),  # age of a pose at its stamp [s]
         ("horizon", np.float64),  # most to extrapolate over [s]
         ("position", np.float64, (3,)),  # newest, base frame [m]
         ("rotation", np.float64, (3, 3)),  # newest, platform to base axes
         ("mean", np.float64, (6,)),  # mean velocity over the last step [m/s], [rad/s], base axes
         ("filters", POSE_FILTERS),
-        ("off", np.float64, (6,)),  # where the platform was, from the newest pose [m], [rad]
-        ("speed", np.float64, (6,)),  # velocity at the newest pose
-        ("gain", np.float64, (6,)),  # acceleration [m/s^2], [rad/s^2]
-        ("jerk", np.float64, (6,)),  # [m/s^3], [rad/s^3]
+        ("motion", np.float64, (ORDERS, 6)),  # from the newest pose: place, speed and so on
+        ("late", np.float64, (6,)),  # with which the acceleration is two steps late
         ("place", np.float64, (3,)),  # extrapolated position [m]
         ("turn", np.float64, (3, 3)),  # extrapolated rotation
         ("velocity", np.float64, (6,)),  # extrapolated [m/s], [rad/s]
@@ -153,8 +156,7 @@ def _begin(own: Any, time_s: float, position: FloatArray, rotation: FloatArray) 
     """Take a pose without a history: at rest as far as is known."""
     own["steps"], own["poses"], own["time"] = 0, 1, time_s
     own["position"][:], own["rotation"][:] = position, rotation
-    own["speed"][:], own["gain"][:], own["mean"][:] = 0.0, 0.0, 0.0
-    own["off"][:], own["jerk"][:] = 0.0, 0.0
+    own["motion"][:], own["late"][:], own["mean"][:] = 0.0, 0.0, 0.0
     restart_filters(own["filters"])
 
 
@@ -203,8 +205,8 @@ def hear_pose(track: Any, time_s: float, position: FloatArray, rotation: FloatAr
     filters = own["filters"]
     hear_step(filters, mean * dt_s, dt_s, own["steps"] > 1)
     # Views of one filter: that of the differences.
-    speed, gain = filters["speed"][0], filters["gain"][0]
-    jerk = filters["jerk"]
+    differences = filters["motion"][0]
+    speed, gain, jerk = differences[1], differences[2], differences[3]
     for k in range(6):
         if own["steps"] > 1:
             grown = SMOOTHING * (change[k] / middle_s - gain[k])
@@ -223,7 +225,11 @@ def hear_pose(track: Any, time_s: float, position: FloatArray, rotation: FloatAr
         if abs(mean[k]) < STILL and abs(gain[k]) < STILL:
             gain[k] = 0.0
         speed[k] = mean[k] + 0.5 * gain[k] * dt_s
-    mean_of_filters(filters, own["off"], own["speed"], own["gain"], own["jerk"])
+    motion = own["motion"]
+    mean_of_filters(filters, motion, own["late"])
+    for order in range(3, ORDERS):
+        _bound(motion[order], 0, HIGHEST[0, order])
+        _bound(motion[order], 3, HIGHEST[1, order])
     return Heard.TAKEN.value
 
 
@@ -246,21 +252,21 @@ def place_platform(track: Any, now_s: float) -> bool:
     fresh = dt_s <= own["horizon"]
     dt_s = dt_s if fresh else (own["horizon"] if dt_s > own["horizon"] else 0.0)
     known = own["steps"] > 1 and own["horizon"] > 0.0
-    vector, way, changed = np.zeros(3), np.zeros(6), False
-    if known:
-        for k in range(6):
-            way[k] = own["off"][k] + own["speed"][k] * dt_s + 0.5 * own["gain"][k] * dt_s * dt_s
-    for k in range(3):
-        value = own["position"][k] + way[k]
-        changed = changed or value != own["place"][k]
-        own["place"][k] = value
-        vector[k] = way[3 + k]
+    vector, moved, changed = np.zeros(3), own["motion"].copy(), False
+    go_on(moved, ORDERS - 1, dt_s)
     for k in range(6):
+        way = moved[0, k] if known else 0.0
+        if k < 3:
+            value = own["position"][k] + way
+            changed = changed or value != own["place"][k]
+            own["place"][k] = value
+        else:
+            vector[k - 3] = way
         moves = known and fresh
         # Differences of differences, smoothed, are two steps late.
-        grown = own["jerk"][k] * (dt_s + 2.0 * own["step"])
-        own["acceleration"][k] = own["gain"][k] + grown if moves else 0.0
-        own["velocity"][k] = own["speed"][k] + own["gain"][k] * dt_s if moves else 0.0
+        grown = own["late"][k] * (dt_s + 2.0 * own["step"])
+        own["acceleration"][k] = moved[2, k] + grown if moves else 0.0
+        own["velocity"][k] = moved[1, k] if moves else 0.0
     _bound(own["acceleration"], 0, ACCELERATION_MAX)
     _bound(own["acceleration"], 3, SPIN_MAX)
     turned = np.empty((3, 3))
