@@ -70,7 +70,13 @@ GAINS = _correction_gains()
 
 @njit(cache=True)
 def go_on(motion: FloatArray, degree: int, dt_s: float) -> None:
-    """Move (ORDERS, 6), from places to the highest order, on by a time [s]."""
+    """Move a motion on by a time.
+
+    Args:
+        motion: (ORDERS, 6) places, speeds and so on [m/s^order], [rad/s^order]; updated.
+        degree: order of the highest that is not zero.
+        dt_s: the time [s].
+    """
     for order in range(degree):
         share = 1.0
         for more in range(1, degree + 1 - order):
