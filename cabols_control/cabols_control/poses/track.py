@@ -80,7 +80,6 @@ POSE_TRACK = np.dtype(
         ("poses", np.int64),  # whether there is one
         ("time", np.float64),  # of the newest pose [s]
         ("step", np.float64),  # between the last two [s]
-
         ("lag", np.float64),  # age of a pose at its stamp [s]
         ("horizon", np.float64),  # most to extrapolate over [s]
         ("position", np.float64, (3,)),  # newest, base frame [m]
