@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shared fixtures. A test that uses DDS asks for `isolated`: own domain, this machine only."""
+"""Shared fixtures, and what every test has: this machine alone, and no state of other rigs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import tempfile
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 # What `make` sets too, for who runs pytest by hand.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -27,6 +28,9 @@ from outcome_counts import (  # noqa: F401
     pytest_terminal_summary,
 )
 
+# How long an example takes is no test's business.
+settings.register_profile("cabols", deadline=None)
+settings.load_profile("cabols")
 STATE = os.environ["XDG_STATE_HOME"]
 
 

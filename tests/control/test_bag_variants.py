@@ -41,7 +41,6 @@ from cabols_control.bags.storage.salvage import Salvage
 VARIANTS = settings(
     max_examples=200,
     derandomize=True,
-    deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 MANY = 600

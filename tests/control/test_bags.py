@@ -278,9 +278,7 @@ def test_the_beginning_of_a_cut_chunk_is_saved(tmp_path, store):
     assert saved.dropped_bytes > 0
 
 
-@settings(
-    max_examples=40, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]
-)
+@settings(max_examples=40, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_damage_anywhere_never_surprises(tmp_path_factory, store, data):
     base = tmp_path_factory.getbasetemp() / "damage"

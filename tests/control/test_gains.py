@@ -35,7 +35,7 @@ def closed_limb(model, stiffness, gains):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     poles=st.tuples(positive_pole, positive_pole, positive_pole),
     gain=st.floats(0.1, 5.0),
@@ -52,7 +52,7 @@ def test_limb_has_the_requested_poles(poles, gain, time_constant, stiffness):
     assert loop.dcgain() == pytest.approx(1.0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(poles=st.tuples(*[positive_pole] * 4), zero=st.floats(20.0, 200.0), sign=st.booleans())
 def test_wrench_loop_has_the_poles_and_the_zero(poles, zero, sign):
     coefficients = np.poly(-np.array(poles))

@@ -19,7 +19,7 @@ small = st.floats(-0.2, 0.2)
 vectors = arrays(np.float64, 3, elements=small)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(offset=vectors, angles=vectors, tension=arrays(np.float64, 8, elements=st.floats(0, 150)))
 def test_virtual_work(offset, angles, tension):
     """Moving the platform along any twist, the wrench's work is what the cables lose in length."""

@@ -30,7 +30,7 @@ def test_response_is_python_controls():
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(gain=st.floats(0.05, 10.0), time_constant=st.floats(0.01, 1.5), offset=st.floats(-1, 1))
 def test_exact_data_gives_the_model_back(gain, time_constant, offset):
     wound = step_response(LimbModel(gain, time_constant), TIME, STEP) + offset

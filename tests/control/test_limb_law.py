@@ -70,7 +70,7 @@ def test_reset_is_bumpless():
     assert held[0] == pytest.approx(0.7)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     references=st.lists(st.floats(-1e3, 1e3), min_size=5, max_size=50),
     positions=st.lists(st.floats(-1.0, 1.0), min_size=50, max_size=50),

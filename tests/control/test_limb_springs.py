@@ -52,7 +52,7 @@ def test_a_driven_limb_has_its_own_stiffness(tmp_path):
     np.testing.assert_array_equal(records["stiffness"], [EACH[5], EACH[2]])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(300.0, 5000.0), st.floats(1.01, 100.0), st.floats(0.5, 3.0), st.floats(0.2, 4.0))
 def test_stiffness_by_length_is_springs_in_series(k_e, share, reference, length):
     """Second opinion: pulled by 1 N, the lengths by which spring and cable give way add up."""

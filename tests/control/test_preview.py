@@ -57,7 +57,7 @@ def test_the_designed_response_to_the_reference_is_the_smoothed_programme(design
         assert np.abs(found - late).max() < 2e-3 * span
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     times=st.lists(st.floats(0.002, 2.0), min_size=1, max_size=8),
     held=st.booleans(),

@@ -141,7 +141,7 @@ def test_one_degree_of_redundancy_takes_the_intervals_middle(random):
         assert abs(ends[ends > 0.0].min() + ends[ends < 0.0].max()) < 1e-9 * HIGH
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(NEW), st.sampled_from([6, 7, 8]))
 def test_equilibrium_and_limits_hold_up_to_the_boundary(seed, method, n):
     """Inside, on the boundary of the feasible wrenches and beyond it."""

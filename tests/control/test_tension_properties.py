@@ -42,7 +42,7 @@ def kkt_gap(A, tension, low, high, gradient):
     return float(gap.max())
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(problems())
 def test_limits_and_equilibrium_hold(problem):
     A, wrench, low, high = problem
@@ -54,7 +54,7 @@ def test_limits_and_equilibrium_hold(problem):
         assert np.abs(solution.residual).max() <= 1e-9 * max(1.0, high.max() / 100.0)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(problems())
 def test_answers_satisfy_the_kkt_conditions(problem):
     A, wrench, low, high = problem
@@ -74,7 +74,7 @@ def test_answers_satisfy_the_kkt_conditions(problem):
     assert kkt_gap(A, solution.tension, low, high, gradient) < 1e-6 * scale
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(problems(), st.floats(1e-3, 1e3))
 def test_scaling_wrench_and_limits_scales_the_tensions(problem, factor):
     A, wrench, low, high = problem
@@ -84,7 +84,7 @@ def test_scaling_wrench_and_limits_scales_the_tensions(problem, factor):
     np.testing.assert_allclose(scaled.residual, factor * plain.residual, atol=tolerance)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(problems(), st.randoms(use_true_random=False))
 def test_the_order_of_the_cables_does_not_matter(problem, random):
     A, wrench, low, high = problem

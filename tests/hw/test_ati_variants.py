@@ -30,7 +30,7 @@ GIVEN = {
 }
 
 
-@settings(max_examples=200, derandomize=True, deadline=None)
+@settings(max_examples=200, derandomize=True)
 @given(changes=st.fixed_dictionaries({}, optional=GIVEN))
 def test_attributes_of_any_text(changes):
     text = TEXT
@@ -57,7 +57,7 @@ def test_attributes_of_any_text(changes):
             assert said, (name, value)
 
 
-@settings(max_examples=200, derandomize=True, deadline=None)
+@settings(max_examples=200, derandomize=True)
 @given(start=st.integers(0, len(TEXT)), size=st.integers(0, 40), new=st.binary(max_size=20))
 def test_damage_anywhere(start, size, new):
     raw = TEXT.encode()

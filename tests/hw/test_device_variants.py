@@ -23,7 +23,7 @@ from cabols_hw.force_torque.tool_weight import ToolError, identify_tool, tool_we
 from cabols_hw.tracker.beam import BeamNoise, predicted_covariance
 from cases import outcome
 
-VARIANTS = settings(max_examples=200, derandomize=True, deadline=None)
+VARIANTS = settings(max_examples=200, derandomize=True)
 WORDS = st.text("abcAUTOMNR_ -.0123456789äé\u4e2d<&\"'", min_size=1, max_size=12)
 FIELDS = st.dictionaries(st.sampled_from(["_type", "_title", "other", "x"]), WORDS, max_size=3)
 

@@ -79,7 +79,7 @@ def test_clock_of_32_bit_milliseconds_wraps():
     assert (found.counter.late, found.counter.clock_steps) == (0, 0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     first=st.integers(12, 2000),
     begins=st.integers(0, 5),
@@ -94,7 +94,7 @@ def test_session_that_begins_anew_is_taken_within_50_ms(first, begins, sent, pau
     assert found.said[-1] == ""
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     numbers=st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=2),
     at=st.integers(60, 300),

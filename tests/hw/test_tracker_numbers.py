@@ -56,7 +56,7 @@ def test_covariance_in_other_units_is_refused(wrong):
     assert "covariance" in covariance_fault(wrong)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.floats(-40.0, 40.0).filter(lambda x: abs(x) > 4.5))
 def test_no_power_of_ten_beside_the_truth_is_taken(exponent):
     assert covariance_fault(10.0**exponent * TRUE)

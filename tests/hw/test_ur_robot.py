@@ -116,7 +116,7 @@ def test_the_program_has_every_configuration():
     assert 'rtde_set_watchdog("input_int_register_27", 10, "stop")' in text
 
 
-VARIANTS = settings(max_examples=200, derandomize=True, deadline=None)
+VARIANTS = settings(max_examples=200, derandomize=True)
 KINDS = st.sampled_from(sorted(FORMATS))
 
 

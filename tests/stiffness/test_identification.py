@@ -106,7 +106,7 @@ def test_noisy_campaign_gives_table_4_3_within_two_percent(samples):
     assert (result.stiffness < result.interval[:, 1]).all()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.lists(st.floats(0.3, 3.0), min_size=6, max_size=6), st.integers(0, 1000))
 def test_any_stiffness_is_recovered_from_clean_data(factors, seed):
     stiffness = TRUTH * factors

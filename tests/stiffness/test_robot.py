@@ -36,7 +36,7 @@ def robot():
     return load_robot(tool_position=TOOL, tool_rotation=TURN)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(angles)
 def test_urdf_agrees_with_the_simulated_arm(q):
     robot, arm = (
@@ -80,7 +80,7 @@ def test_kinematics_and_k_c_agree_with_pinocchio(robot):
         np.testing.assert_allclose(found, change.T @ wrench, atol=1e-12)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(angles, wrenches, st.booleans())
 def test_jacobian_and_k_c_against_finite_differences(q, wrench, follows):
     robot, offset, eps = load_robot(tool_position=TOOL), np.array([0.1, 0.2, -0.1]), 1e-6
@@ -109,7 +109,7 @@ def test_jacobian_and_k_c_against_finite_differences(q, wrench, follows):
     np.testing.assert_allclose(found, stiffness, atol=1e-6)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(angles, wrenches)
 def test_spindle_end_is_a_frame_of_its_own(q, wrench):
     """The same load and deflection, told at the tool's origin and at a virtual spindle's end."""

@@ -92,7 +92,7 @@ def test_prediction_covariance_is_the_parameters_and_the_wrenchs(result):
     )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.booleans())
 def test_corrected_robot_stands_where_it_was_meant_to(result, share, follows):
     joints = bench_configurations()[5]

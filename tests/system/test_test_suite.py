@@ -7,6 +7,7 @@ import ast
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 TESTS = Path(__file__).parents[1]
 CLOCKS = {"monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns"}
@@ -114,3 +115,13 @@ def test_planted_graph_without_its_mark_is_found():
     text = "from graph_harness import run_scenario\ndef test_it():\n    run_scenario({}, None)\n"
     assert unmarked_graphs(text)
     assert not unmarked_graphs(text + "pytestmark = pytest.mark.ros\n")
+
+
+def test_no_drawn_example_has_a_time_limit():
+    """By default hypothesis judges an example that takes more than 200 ms."""
+    assert settings().deadline is None
+    assert settings(max_examples=10).deadline is None
+    texts = {path: path.read_text(encoding="utf-8") for path in test_files()}
+    assert not [
+        path for path, text in texts.items() if path != Path(__file__) and "deadline=" in text
+    ]
