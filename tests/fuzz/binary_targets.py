@@ -29,7 +29,7 @@ import bag_maker
 from cabols_control.bags.definitions import Definitions
 from cabols_control.bags.errors import BagError
 from cabols_control.bags.reader import read_bag
-from cabols_control.bags.recorded_types import store_of
+from cabols_control.bags.recorded_types import KEPT_STORES, store_of
 from cabols_control.bags.recover import recover
 from cabols_control.bags.storage.records import ChannelInfo, Message, Schema
 from cabols_control.bags.storage.salvage import Salvage
@@ -160,6 +160,7 @@ def open_bag_cdr() -> Callable[[bytes], bool]:
 
 
 COUNT = 20
+YEAR_NS = 3.2e16
 
 
 def mcap_files() -> list[bytes]:
@@ -180,14 +181,24 @@ def mcap_files() -> list[bytes]:
     return [whole, plain, killed, chunked]
 
 
-def _theirs(path: Path) -> list[bytes] | None:
-    """Messages by the mcap library, in the file's order; None where it refuses the file."""
+def _theirs(path: Path, within_ns: float = np.inf) -> list[bytes] | None:
+    """Messages by the mcap library, in the file's order; None where it refuses the file.
+
+    Args:
+        path: of the bag.
+        within_ns: of the bag's start: those of other times are left out [ns].
+    """
     try:
         with path.open("rb") as stream:
             records = StreamReader(stream, validate_crcs=True).records
             # What stands behind the data's end is its summary.
             data = takewhile(lambda record: not isinstance(record, DataEnd), records)
-            found = [record.data for record in data if isinstance(record, McapMessage)]
+            found = [
+                record.data
+                for record in data
+                if isinstance(record, McapMessage)
+                and abs(record.log_time - bag_maker.START_NS) <= within_ns
+            ]
             deque(records, maxlen=0)
             return found
     except Exception:
@@ -203,7 +214,14 @@ def _read(folder: Path) -> tuple[Any, bool]:
 
 
 def open_mcap() -> Callable[[bytes], bool]:
-    """The reader of bags beside the mcap library."""
+    """The reader of bags beside the mcap library.
+
+    What it keeps of definitions is bounded, and full from the start: what grows afterwards is lost.
+    """
+    text = Definitions().get(bag_maker.TYPE).text
+    for k in range(KEPT_STORES):
+        schema = Schema(1, bag_maker.TYPE, "ros2msg", f"# {k}\n{text}".encode())
+        store_of(ChannelInfo("/kept", schema))
     folder = scratch("bag")
     counts = ((bag_maker.TOPIC, bag_maker.TYPE, COUNT),)
     bag_maker.put(folder, b"", counts)
@@ -253,7 +271,8 @@ def open_recover() -> Callable[[bytes], bool]:
         check(theirs is not None, "recover: the mcap library refuses the saved bag")
         assert theirs is not None
         check(theirs == saved, "recover: others read others")
-        before = _theirs(path)
+        # Beside damage a message of another year is one more sign of it: it is dropped, and told.
+        before = _theirs(path, YEAR_NS)
         if before is not None:
             lost = len(before) - len(saved) - result.unknown
             check(lost <= 0 or result.dropped_bytes > 0, "recover: lost, and said nothing")

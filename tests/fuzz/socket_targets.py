@@ -177,9 +177,8 @@ def open_grpc() -> Callable[[bytes], bool]:
 
 SENT = (*LIVE, "loop_status", "stop", "desired_wrench", "desired_tension", "operator_heartbeat")
 NODES = ("supervisor", "limb_controller", "wrench_controller", "load_program")
-READY_S = 60.0
+READY_S = 300.0
 PR_SET_PDEATHSIG = 1
-SETTLE_S = 6.0
 MEMORY_BYTES = 5 * 1024 * 1024
 
 
@@ -197,6 +196,7 @@ class Graph:
 
     def __init__(self) -> None:
         import rclpy
+        from rclpy.executors import SingleThreadedExecutor
 
         from cabols_control.ros.messages import topics
         from cabols_control.ros.messages.qos import topic_qos
@@ -221,12 +221,20 @@ class Graph:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = rclpy.create_node("fuzz", namespace="/cabols", context=self.context)
+        spinner = SingleThreadedExecutor(context=self.context)
+        # A node that finds its role taken refuses to start: it listens first, then it reports.
+        told: set[str] = set()
+        status = self.node.create_subscription(
+            topics.TYPES["loop_status"],
+            "loop_status",
+            lambda message: told.add(message.node),
+            topic_qos("loop_status"),
+        )
         begin = time.monotonic()
-        while not set(NODES) <= set(self.node.get_node_names()):
+        while not set(NODES) <= told:
             check(time.monotonic() - begin < READY_S, "DDS: nodes did not start")
-            time.sleep(0.1)
-        # A node that finds its role taken refuses to start: it listens first.
-        time.sleep(SETTLE_S)
+            rclpy.spin_once(self.node, executor=spinner, timeout_sec=0.1)
+        self.node.destroy_subscription(status)
         self.publishers = [
             self.node.create_publisher(topics.TYPES[t], t, topic_qos(t)) for t in SENT
         ]

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from engine import Target
-from oracles import check, csv_rows, decimal, equal, finite, only_finite, same_yaml
+from oracles import DECIMAL, check, csv_rows, decimal, equal, finite, only_finite, same_yaml
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError
 from ruamel.yaml.error import YAMLError
@@ -212,6 +212,34 @@ def tables() -> list[bytes]:
     return [made.encode() for made in texts]
 
 
+def _once_only(rows: list[list[str]]) -> list[list[str]]:
+    """Rows without those that repeat an earlier loaded one, number for number."""
+    kept, seen = [], set()
+    for row in rows:
+        cells = [cell.strip().lower() for cell in row[2:]]
+        numbers = tuple(None if c in NOTHING else decimal(c, "table") for c in cells)
+        if numbers in seen:
+            continue
+        if any(numbers[6:9]):
+            seen.add(numbers)
+        kept.append(row)
+    return kept
+
+
+def _are_names(rows: list[list[str]], index: int) -> bool:
+    """Whether a column of indices has a word that is no number: then all of its words are names."""
+    words = [row[index].strip() for row in rows]
+    odd = [w for w in words if w.lower() not in NOTHING and not DECIMAL.fullmatch(w)]
+    return any(letter.isalpha() for word in odd for letter in word)
+
+
+def _same_groups(words: list[str], numbers: Any) -> None:
+    """Rows of one name must have one number, and of another name another one."""
+    pairs = {(w, float(n)) for w, n in zip(words, numbers, strict=True) if w.lower() not in NOTHING}
+    for side in (0, 1):
+        check(len({pair[side] for pair in pairs}) == len(pairs), "table: names were mixed")
+
+
 def open_table() -> Callable[[bytes], bool]:
     """Tables of measured loads beside the csv module."""
     path = scratch("table.csv")
@@ -229,12 +257,21 @@ def open_table() -> Callable[[bytes], bool]:
         text = "\n".join(x for x in lines if x.strip() and not x.startswith("#"))
         mark = max(",;\t", key=text.partition("\n")[0].count)
         rows = csv_rows(text, mark)
-        if [cell.strip() for cell in rows[0]] != TABLE_HEAD:
+        if [cell.strip() for cell in rows[0]] != TABLE_HEAD or found.unread:
             finite(found.joints, "table")
             return True
         good = [row for row in rows[1:] if all(c.strip().lower() not in NOTHING for c in row[2:11])]
+        once = _once_only(good)
+        check(len(good) - len(once) == len(found.repeated), "table: another number of repetitions")
+        good = once
         check(len(good) == len(found), "table: another number of rows")
+        named = [role for k, role in enumerate(TABLE_ROLES[:2]) if _are_names(rows[1:], k)]
+        for role in named:
+            words = [row[TABLE_ROLES.index(role)].strip() for row in good]
+            _same_groups(words, found.columns[role])
         for index, role in enumerate(TABLE_ROLES):
+            if role in named:
+                continue
             for row, value in zip(good, found.columns[role], strict=True):
                 cell = row[index].strip()
                 if cell.lower() in NOTHING:
@@ -242,6 +279,8 @@ def open_table() -> Callable[[bytes], bool]:
                 else:
                     equal(value, TABLE_FACTORS[index] * decimal(cell, "table"), "table")
         for index, role in enumerate(("configuration", "load")):
+            if role in named:
+                continue
             for row, whole in zip(good, found.index(role), strict=True):
                 cell = row[index].strip()
                 if cell.lower() not in NOTHING:
@@ -396,7 +435,12 @@ def open_urdf() -> Callable[[bytes], bool]:
             return False
         finite(arm.origins, "urdf")
         finite(arm.axes, "urdf")
-        children = [j.find("child") for j in ElementTree.fromstring(data).findall("joint")]
+        try:
+            root = ElementTree.fromstring(data)
+        except ElementTree.ParseError:
+            # A prefix without its namespace, as xacro leaves some: ours takes it for a name.
+            return True
+        children = [j.find("child") for j in root.findall("joint")]
         links = [c.get("link") for c in children if c is not None]
         check(len(set(links)) == len(links), "urdf: two joints carry one link")
         check(len(set(arm.joints)) == len(arm.joints), "urdf: two joints of one name")
