@@ -35,7 +35,7 @@ OUTPUT = Path("build") / "fuzz"
 PARSER_INPUTS, SOCKET_INPUTS = 100_000, 10_000
 STUCK_S = 100.0
 """A process that makes no progress for so long is killed, and the input is a finding."""
-START_S = 120.0
+START_S = 400.0
 SHORT_SHARE = 0.1
 """Share of the full form's inputs that a run of one minute aims at."""
 

@@ -254,7 +254,7 @@ def open_table() -> Callable[[bytes], bool]:
             return False
         text = data.decode("utf-8-sig")
         lines = text.replace("\r\n", "\n").split("\n")
-        text = "\n".join(x for x in lines if x.strip() and not x.startswith("#"))
+        text = "\n".join(x for x in lines if x.strip() and not x.startswith(("#", "%")))
         mark = max(",;\t", key=text.partition("\n")[0].count)
         rows = csv_rows(text, mark)
         if [cell.strip() for cell in rows[0]] != TABLE_HEAD or found.unread:

@@ -18,7 +18,7 @@ from cabols_sim.fault_campaign.in_process.trials import Bench, run_trial
 from cabols_sim.fault_campaign.table import read_trials
 
 LOG = "generated.jsonl"
-SEEDS = 12
+SEEDS = 6
 """Trials of each kind; in the short form one."""
 
 

@@ -5,146 +5,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cabols_sim.fault_campaign.in_process.strikes import (
-    Strike,
-    all_limbs,
-    at_highest,
-    count_loss,
-    gauge,
-    gauges,
-    half,
-    injected,
-    limbs_dead,
-    miswired,
-    no_samples,
-    pose,
-    pose_and_sensor,
-    robot_bridge_dead,
-    several,
-    supervisor_dead,
-    two_limbs,
-    wrench_dead,
-    wrong_current,
-    wrong_tension,
+from cabols_sim.fault_campaign.in_process.disturbances import (
+    BROKEN,
+    JOINT,
+    SIGNALS,
+    WIRED_S,
+    WRONG,
+    Disturbance,
 )
+from cabols_sim.fault_campaign.in_process.strikes import miswired
 
-SOON_S, SENSOR_S, LATE_S, SEARCH_S, WIRED_S = 0.05, 0.25, 2.0, 4.0, 12.0
-"""Bounds of detection [s]: at once, within a flat gauge's time and more, once it matters, within a
-search for the switches, and until a load stands after one."""
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """One way in which a rig breaks.
-
-    Attributes:
-        name: for the table.
-        strike: does it.
-        within_s: longest time to a report of a fault [s].
-        latent: states in which nothing depends on it: there only the bounds hold.
-        amplifier: whether an amplifier itself drives: then no current stops the motor.
-        held: whether a motor cannot turn: then a cable is stretched until the robot stands.
-    """
-
-    name: str
-    strike: Strike
-    within_s: float
-    latent: frozenset[str] = frozenset()
-    amplifier: bool = False
-    held: bool = False
-
-
-RESTS = frozenset({"loading", "free"})
-ZEROING = frozenset({"pretightening"})
-SLACK = ZEROING | {"started"}
-FREE = frozenset({"free", "robot moves"})
-LIGHT = FREE | SLACK | frozenset({"loading"})
-EVERY = LIGHT | RESTS | ZEROING
-"""States in which nothing depends on a fault: at rest a frozen count is a right one, without zeros
-no limb goes by pose or counts, only LOADING goes by tension commands. And 140 N on all limbs are
-within the envelope: whether a load is the one that was asked for, the bridge does not know. A
-cable that pulls no more than closes its switch may break unseen: the others hold what it held."""
-
-DISTURBANCES = (
-    Disturbance("cable breaks", at_highest("cable_break"), SENSOR_S, FREE | SLACK),
-    Disturbance("any cable breaks", injected("cable_break"), LATE_S, RESTS | FREE | SLACK),
-    Disturbance("switch stuck open", at_highest("switch_open"), SENSOR_S, FREE | SLACK),
-    Disturbance("switch stuck closed", injected("switch_closed"), LATE_S, RESTS | FREE | ZEROING),
-    Disturbance("all switches read open", several("switch_open", all_limbs), SEARCH_S, FREE),
-    Disturbance(
-        "all switches read closed",
-        several("switch_closed", all_limbs),
-        LATE_S,
-        RESTS | FREE | ZEROING,
-    ),
-    Disturbance("half of the switches read open", several("switch_open", half), SEARCH_S, FREE),
-    Disturbance(
-        "half of the switches read closed",
-        several("switch_closed", half),
-        LATE_S,
-        RESTS | FREE | ZEROING,
-    ),
-    Disturbance("encoder jumps", injected("encoder_jump", 0.003, 0.02, True), SOON_S),
-    Disturbance("encoder frozen", injected("encoder_frozen"), LATE_S, RESTS),
-    Disturbance("encoder loses counts", count_loss, SEARCH_S, frozenset({"started"})),
-    Disturbance("encoders of a connector frozen", several("encoder_frozen", half), LATE_S, RESTS),
-    Disturbance(
-        "encoder of the highest frozen", at_highest("encoder_frozen"), LATE_S, RESTS | SLACK
-    ),
-    Disturbance("two encoders frozen", several("encoder_frozen", two_limbs), LATE_S, RESTS),
-    Disturbance("two cables break", several("cable_break", two_limbs), LATE_S, LIGHT),
-    Disturbance("two switches stuck open", several("switch_open", two_limbs), SEARCH_S, LIGHT),
-    Disturbance(
-        "motor of the highest jams", at_highest("motor_jam"), LATE_S, RESTS | SLACK, held=True
-    ),
-    Disturbance("motor jams", injected("motor_jam"), LATE_S, RESTS, held=True),
-    Disturbance("two motors jam", several("motor_jam", two_limbs), LATE_S, RESTS, held=True),
-    Disturbance(
-        "amplifiers' supply lost", several("motor_jam", all_limbs), LATE_S, RESTS, held=True
-    ),
-    Disturbance(
-        "amplifier offset", injected("amplifier_offset", 0.5, 2.0, True), SOON_S, amplifier=True
-    ),
-    Disturbance(
-        "amplifier offset, larger",
-        injected("amplifier_offset", 2.0, 4.9, True),
-        SOON_S,
-        amplifier=True,
-    ),
-    Disturbance(
-        "amplifier delivers all", injected("amplifier_offset", 6.0, 7.0), SOON_S, amplifier=True
-    ),
-    Disturbance(
-        "two amplifiers offset", several("amplifier_offset", two_limbs), SOON_S, amplifier=True
-    ),
-    Disturbance("gauge flat", gauge("gauge_flat"), SENSOR_S),
-    Disturbance("gauge not a number", gauge("gauge_nan"), SOON_S),
-    Disturbance("gauge saturated", gauge("gauge_saturated"), SOON_S),
-    Disturbance("gauge drifts", injected("gauge_drift", 2.0, 10.0, True), SEARCH_S),
-    Disturbance("all gauges flat", gauges(None), SENSOR_S),
-    Disturbance("sensor unplugged, reads 0 V", gauges(0.0), SENSOR_S),
-    Disturbance("sensor unplugged, reads 10 V", gauges(10.0), SOON_S),
-    Disturbance("pose silent", pose("silent"), SENSOR_S),
-    Disturbance("pose frozen", pose("frozen"), LATE_S, RESTS | SLACK),
-    Disturbance("pose jumps", pose("jumps"), SOON_S),
-    Disturbance("pose turns", pose("turns"), SOON_S),
-    Disturbance("pose drifts", pose("drifts"), LATE_S, frozenset({"started"})),
-    Disturbance("pose not a number", pose("no number"), SENSOR_S),
-    Disturbance("pose and sensor frozen", pose_and_sensor, SENSOR_S),
-    Disturbance("wrong current, one limb", wrong_current("one"), LATE_S),
-    Disturbance("wrong current, all limbs", wrong_current("all"), LATE_S),
-    Disturbance("currents reversed", wrong_current("reversed"), LATE_S),
-    Disturbance("current not a number", wrong_current("no number"), SOON_S),
-    Disturbance("wrong tension, one limb", wrong_tension(145.0, False), LATE_S, FREE | SLACK),
-    Disturbance(
-        "wrong tension, all limbs", wrong_tension(140.0, True), LATE_S, FREE | SLACK | RESTS
-    ),
-    Disturbance("limb controller dead", limbs_dead, SOON_S),
-    Disturbance("wrench controller dead", wrench_dead, LATE_S, FREE | SLACK | RESTS),
-    Disturbance("robot's bridge dead", robot_bridge_dead, SENSOR_S),
-    Disturbance("supervisor dead", supervisor_dead, LATE_S, EVERY),
-    Disturbance("samples missing", no_samples, SOON_S + 0.06),
-)
+DISTURBANCES = (*BROKEN, *WRONG, *SIGNALS, *JOINT)
 """Every way; each meets each state below."""
 
 MOVED = {"path under load": ("encoders of a connector frozen", "amplifiers' supply lost")}

@@ -16,7 +16,7 @@ SENSOR_RANGE = (165.0, 165.0, 495.0, 15.0, 15.0, 15.0)
 """Force [N] and torque [N m] along x, y, z."""
 MEDIAN_S = 0.005
 """Longest median of the time from detection to a safe rig [s]."""
-COAST_S = 0.6
+COAST_S = 0.65
 """Longest coasting of a motor whose amplifier was switched off, as nothing else can stop it [s]."""
 BLIND_N = 10.0
 """Most that a cable gains while motors coast whose encoders are wired to others [N]."""

@@ -12,7 +12,8 @@ from cabols_control.rig import load_rig
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.card.config import load_card
 from cabols_hw.safety.config import load_safety
-from cabols_sim.fault_campaign.in_process.kinds import WIRED, WIRED_S, GeneratedKind
+from cabols_sim.fault_campaign.in_process.disturbances import WIRED_S
+from cabols_sim.fault_campaign.in_process.kinds import WIRED, GeneratedKind
 from cabols_sim.fault_campaign.in_process.rig import PERIOD_S, LockstepRig
 from cabols_sim.fault_campaign.judgement import TOLERANCE_N
 from cabols_sim.plant.config import load_plant
