@@ -44,7 +44,7 @@ RULES: tuple[tuple[str, str, str], ...] = (
     (r"sudo |rosdep |.*colcon\)?\"? build|source |mkdir |git clone|python3 -m venv", LEAVE,
      "sets up a system or a ROS 2 workspace"),
     (r"(make rt-check|ros2 run cabols_control rt_check)", LEAVE, "says what this computer lacks"),
-    (r"ros2 (launch|service|action|topic|bag|lifecycle)\b", LEAVE, "needs ROS 2's own command"),
+    (r"ros2 (launch|service|action|topic|bag|lifecycle|param|node)\b", LEAVE, "needs ROS 2's own command"),
     (r"pip install \./", LEAVE, "into another environment than this one"),
     (r"cabols-stiffness ", LEAVE, "needs a laboratory's files"),
     (r"python -m pip install", LEAVE, "into the environment of a ROS 2 installation"),

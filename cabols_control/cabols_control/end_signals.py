@@ -7,8 +7,11 @@ handled as soon as it is ready for them.
 
 from __future__ import annotations
 
+import shutil
 import signal
+import subprocess
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import FrameType
 
@@ -19,6 +22,21 @@ END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 def hold() -> None:
     """Let the signals wait."""
     signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
+
+
+@cache
+def holding_words() -> list[str]:
+    """Words before a command that let the signals to end wait until the command handles them.
+
+    A node that is interrupted while Python still imports would end with a traceback. GNU's env
+    can hold signals back; where there is another one, or none, nothing is put before a command.
+    """
+    held = [f"--block-signal={signal.Signals(each).name[3:]}" for each in END_SIGNALS]
+    words = ["env", *held]
+    if shutil.which("env") is None:
+        return []
+    tried = subprocess.run([*words, "true"], capture_output=True, check=False)
+    return words if tried.returncode == 0 else []
 
 
 def held_by(pid: int) -> bool:

@@ -7,10 +7,13 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
-from cabols_control.end_signals import END_SIGNALS, held_by
+from cabols_control.bringup.processes import executable_path
+from cabols_control.end_signals import END_SIGNALS, held_by, holding_words
+from graph_harness import PATIENCE_S, next_environment
 
 HOLDS = """
 import os, sys
@@ -83,3 +86,24 @@ def test_who_holds_them_is_seen_from_outside():
 
 def test_end_signals_are_those_of_terminals_and_service_managers():
     assert set(END_SIGNALS) == {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT}
+
+
+@pytest.mark.ros
+@pytest.mark.skipif(not holding_words(), reason="this system's env holds no signals back")
+@pytest.mark.parametrize("number", END_SIGNALS)
+@pytest.mark.parametrize("after_s", [0.0, 0.1, 0.3])
+def test_a_node_that_is_interrupted_while_python_starts_ends_in_order(number, after_s):
+    """By the words that launch files put before a node's command."""
+    command = [*holding_words(), str(executable_path("cabols_control", "supervisor"))]
+    environment = {**os.environ, **next_environment()}
+    node = subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    give_up = time.monotonic() + PATIENCE_S
+    while not held_by(node.pid) and time.monotonic() < give_up:
+        time.sleep(0.001)
+    time.sleep(after_s)
+    node.send_signal(number)
+    said, _ = node.communicate(timeout=PATIENCE_S)
+    assert node.returncode == 0, said
+    assert "Traceback" not in said

@@ -7,11 +7,15 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from types import SimpleNamespace
 
 import pytest
 
+from cabols_control.bringup.processes import executable_path
 from cabols_control.bringup.specs import LAUNCHER
 from cabols_control.end_signals import END_SIGNALS
+from cabols_control.ros.node import _spin
 
 LOOKS = """
 import time
@@ -87,3 +91,55 @@ def test_launcher_that_died_before_its_node_looked_is_seen():
         said, _ = process.communicate("\n", timeout=60.0)
         # The first point of the start is passed no more.
     assert "not asked" not in said
+
+
+def test_simulated_devices_end_when_their_launcher_is_dead():
+    dead = subprocess.Popen(["true"])
+    dead.wait()
+    command = [str(executable_path("cabols_sim", "device_simulator"))]
+    command += [f"--{name}-port=0" for name in ("link", "rws", "watch", "tracker")]
+    environment = {**os.environ, LAUNCHER: str(dead.pid)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout.readline().startswith("ready")
+        assert process.wait(60.0) == 0
+
+
+class Rests:
+    """Stands for a node: it may end once it has been asked a few times."""
+
+    end_limit_s = 60.0
+
+    def __init__(self, kept_for):
+        self.context, self.kept_for, self.spun = self, kept_for, 0
+        self.runs, self.told = True, False
+
+    def ok(self):
+        return self.runs
+
+    def try_shutdown(self):
+        self.runs = False
+
+    def end_asked(self):
+        self.told = True
+
+    def may_end(self):
+        self.kept_for -= 1
+        return self.kept_for < 0
+
+    def spin_once(self, timeout_sec):
+        self.spun += self.kept_for < 0
+        time.sleep(min(timeout_sec, 0.01))
+
+
+@pytest.mark.parametrize("kept_for", [0, 3])
+def test_a_node_that_was_kept_goes_on_for_its_last_cycles(kept_for):
+    node, end = Rests(kept_for), SimpleNamespace(asked=True, overdue=lambda limit_s: False)
+    _spin(node, node, end)
+    assert node.told
+    assert (node.spun > 1) == (kept_for > 0)
+
+
+def test_an_overdue_node_ends_in_any_case():
+    node, end = Rests(10**9), SimpleNamespace(asked=True, overdue=lambda limit_s: limit_s == 60.0)
+    _spin(node, node, end)
+    assert not node.runs

@@ -4,12 +4,8 @@
 from __future__ import annotations
 
 import os
-import shutil
-import signal
-import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
@@ -81,21 +77,6 @@ def argument_values(
     return {**{argument.name: argument.default for argument in all_arguments()}, **values}, given
 
 
-@cache
-def holding_words() -> list[str]:
-    """Words before a command that let the signals to end wait until the command handles them.
-
-    A node that is interrupted while Python still imports would end with a traceback. GNU's env
-    can hold signals back; where there is another one, or none, nothing is put before a command.
-    """
-    held = [f"--block-signal={signal.Signals(each).name[3:]}" for each in end_signals.END_SIGNALS]
-    words = ["env", *held]
-    if shutil.which("env") is None:
-        return []
-    tried = subprocess.run([*words, "true"], capture_output=True, check=False)
-    return words if tried.returncode == 0 else []
-
-
 def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
     """Return launch actions for the nodes; when one ends that may not restart, all end.
 
@@ -108,7 +89,7 @@ def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
         discovery = str(context.launch_configurations.get(DISCOVERY, discovery))
     # Words that the user puts before commands, such as a debugger's, are launch's own affair.
     given = context is not None and context.launch_configurations.get(PREFIX)
-    prefix = None if given else " ".join(holding_words())
+    prefix = None if given else " ".join(end_signals.holding_words())
     actions: list[Any] = []
     # Nodes under load unload before they obey: SIGTERM and SIGKILL leave them the time for it.
     grace = str(2.0 * GRACE_S)
@@ -116,6 +97,7 @@ def launch_nodes(nodes: Sequence[NodeSpec], context: Any = None) -> list[Any]:
         node = Node(
             package=spec.package,
             executable=spec.executable,
+            exec_name=spec.executable,  # and not the first word before the command
             arguments=spec.option_list(),
             parameters=[spec.parameters] if spec.parameters else [],
             namespace=spec.namespace or None,

@@ -39,7 +39,7 @@ IDLE_REPORT_S = 1.0
 SPACE_S = 1.0
 """Between two looks at the free space [s]."""
 JOIN_S = 0.1
-LAST_S = 0.3
+LAST_S = 0.5
 """Time from the last mode that moves anything in which the last currents, zero, come [s]."""
 
 

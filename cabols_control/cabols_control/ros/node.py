@@ -63,6 +63,8 @@ ROS_ARGUMENT_ERRORS = (
 WAITING, RUNNING, FAULT = 0, 1, 2
 REPORT_EVERY = 100
 READERS_PATIENCE_S = 60.0
+LAST_CYCLES_S = 0.2
+"""Time for which a node goes on when what kept it is over: the last currents, zero, go out [s]."""
 
 
 class Status:
@@ -355,13 +357,16 @@ def run_node(factory: Callable[[], ControlNode], arguments: list[str] | None = N
 
 def _spin(node: ControlNode, executor: NodeExecutor, end: EndRequest) -> None:
     """Serve a node until its context ends, or it is asked to end and may."""
-    told = False
+    told, moved_s = False, -LAST_CYCLES_S
     while node.context.ok():
         if end.asked:
             if not told:
                 told = True
                 node.end_asked()
-            if node.may_end() or end.overdue(node.end_limit_s):
+            if not node.may_end():
+                moved_s = time.monotonic()
+            rests = time.monotonic() - moved_s >= LAST_CYCLES_S
+            if rests or end.overdue(node.end_limit_s):
                 node.context.try_shutdown()
                 return
         executor.spin_once(timeout_sec=0.05 if told else 0.2)
