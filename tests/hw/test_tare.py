@@ -10,11 +10,13 @@ import pytest
 
 from cabols_control.errors import ConfigError
 from cabols_control.limb_control.controller import LimbController
+from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.modes import OperatingMode as Mode
 from cabols_control.wrench_control.controller import WrenchController
 from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.card.daq import CardSample
 from cabols_hw.force_torque.sensor_bias import SensorBias, load_bias, save_bias
+from cabols_hw.ros.bias_keeper import BiasKeeper
 from cabols_hw.safety.config import load_safety
 from cabols_hw.safety.guard import BridgeGuard
 from rig_harness import RigInOneProcess
@@ -161,6 +163,38 @@ def test_bias_file_gives_back_what_was_written(tmp_path):
     np.testing.assert_array_equal(found.tare_weight, BIAS.tare_weight)
     with pytest.raises(ConfigError, match="FT1234"):
         load_bias(path, "FT9")
+
+
+@pytest.mark.parametrize(
+    ("days", "word"),
+    [
+        (0.1, ""),
+        (29.0, ""),
+        (-0.5, ""),
+        (400.0, "400 days old"),
+        (-40.0, "future"),
+        (np.nan, "days"),
+    ],
+)
+def test_a_bias_of_long_ago_is_a_guess(days, word):
+    """A strain gauge's zero drifts; a clock that is wrong by weeks tells no age."""
+    said = BIAS.doubt(1e-9 * BIAS.time_ns + 86400.0 * days)
+    assert bool(said) == bool(word)
+    assert word in said
+    assert not said or "pay the cables out" in said
+
+
+def test_an_old_bias_bounds_the_wrench_and_no_load_is_granted_before_a_new_one(rig, card):
+    again = Bridge(rig, card)
+    again.adopt_bias(BIAS)
+    again.sensor_tare.measuring = False
+    keeper = BiasKeeper.__new__(BiasKeeper)
+    keeper._bridge, keeper._path, keeper._kept = again, None, None
+    keeper._told, keeper._doubt = again.sensor_tare.bias, BIAS.doubt(1e-9 * BIAS.time_ns + 4e7)
+    assert again.tared
+    assert keeper.look(False).name == FaultName.NOT_TARED
+    again.sensor_tare.proven = keeper._kept = again.sensor_tare.bias
+    assert keeper.look(False) is None
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", "null", '{"form": 1}', "\xff", "[" * 100_000])

@@ -22,6 +22,9 @@ from cabols_control.files.state_folder import state_folder
 
 FORM = 1
 """Version of the file."""
+DAY_S = 86400.0
+LONGEST_AGE_DAYS = 30.0
+"""Age from which a bias counts as a guess: strain gauges drift [d]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,21 @@ class SensorBias:
     time_ns: int
     volts: FloatArray
     tare_weight: FloatArray
+
+    def doubt(self, now_s: float) -> str:
+        """Why this bias is no more than a guess; empty if it may be used for a load.
+
+        Args:
+            now_s: since the epoch, by the clock that stamped it [s].
+        """
+        days = (now_s - 1e-9 * self.time_ns) / DAY_S
+        if -1.0 <= days <= LONGEST_AGE_DAYS:
+            return ""
+        when = f"{days:.0f} days old" if days > 0.0 else f"{-days:.0f} days in the future"
+        return (
+            f"the sensor's bias on the disk is {when}, at most {LONGEST_AGE_DAYS:g} days are "
+            "trusted: pay the cables out until they hang, then tare; a pre-tightening proves it"
+        )
 
     def unloaded_volts(self, matrix: FloatArray) -> FloatArray:
         """(6,) volts without the tool, too.

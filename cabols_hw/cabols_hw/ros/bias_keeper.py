@@ -39,6 +39,7 @@ class BiasKeeper:
         given = declare_row(node, HW_NODES.argument("bias_file"))
         own = bias_path(card.sensor_serial) if keeps else None
         self._path = Path(given) if given else own
+        self._doubt = ""
         self._adopt(card.sensor_serial)
         self._kept = bridge.sensor_tare.proven
         self._tare = node.create_publisher(WrenchStamped, "sensor_tare", topic_qos("sensor_tare"))
@@ -54,6 +55,8 @@ class BiasKeeper:
             self._node.get_logger().error(str(error))
             return
         if bias is not None:
+            # An old one still bounds the wrench; nothing is loaded by it.
+            self._doubt = bias.doubt(time.time())
             self._bridge.adopt_bias(bias)
 
     def look(self, resting: bool) -> Fault | None:
@@ -76,6 +79,8 @@ class BiasKeeper:
             return None
         if tare.bias is None:
             return Fault(FaultName.NOT_TARED, tare.refusal)
+        if self._doubt and tare.proven is None:
+            return Fault(FaultName.NOT_TARED, self._doubt)
         held = held_load(self._bridge) if resting else ""
         if held:
             return Fault(FaultName.LOAD_HELD, held)
