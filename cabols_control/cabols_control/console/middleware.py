@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import html
+import time
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
@@ -21,6 +22,11 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 LOGIN = "/login"
 PATH_SIZE = 1000
 """Longest path of an address [characters]."""
+PAGES, PAGES_PER_S = 40.0, 5.0
+"""Pages that may be built at once, and how many more a second: each takes 40 ms of the loop that
+also takes the stop."""
+ASSETS = ("/_nicegui", "/console", "/reports", "/api")
+"""Beginnings of paths for which no page is built."""
 LOGIN_BYTES = 4096
 WRONG_TOKEN_S = 1.0
 """Delay of the answer to a wrong token [s]."""
@@ -61,6 +67,17 @@ class AccessMiddleware:
         self._app = app
         self._policy = policy
         self._body_bytes = body_bytes
+        self._pages, self._counted_s = PAGES, time.monotonic()
+
+    def _page_may_be_built(self) -> bool:
+        """Whether another page may be built now; counts it."""
+        now_s = time.monotonic()
+        self._pages += PAGES_PER_S * (now_s - self._counted_s)
+        self._pages, self._counted_s = min(self._pages, PAGES), now_s
+        if self._pages < 1.0:
+            return False
+        self._pages -= 1.0
+        return True
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
@@ -129,6 +146,13 @@ class AccessMiddleware:
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
             await self._app(scope, receive, send)
+            return
+        # A path that is none gets a page, too. What is posted, as a stop, always passes.
+        builds = scope["method"] in ("GET", "HEAD") and not scope["path"].startswith(ASSETS)
+        if builds and not self._page_may_be_built():
+            # Closed, so that no request that waits behind it in the connection is read.
+            closing = [(b"retry-after", b"1"), (b"connection", b"close")]
+            await answer(send, 503, "too many pages at once; try again\n", closing)
             return
         begun = False
         left = self._body_bytes
