@@ -228,13 +228,32 @@ class EnvelopeLimits:
 
 
 @dataclass(frozen=True, eq=False)
+class HangingLoad:
+    """What hangs on the cables of a rig whose platform nothing else holds.
+
+    Attributes:
+        mass: of platform and tool [kg].
+        centre: (3,) of mass, platform axes [m].
+        proof_pull: at which each gear is proven at a start, on the stand [N].
+    """
+
+    mass: float
+    centre: FloatArray
+    proof_pull: float
+
+
+@dataclass(frozen=True, eq=False)
 class Rig:
-    """Geometry, limbs and control design of one rig; with its safety envelope where it has one."""
+    """Geometry, limbs and control design of one rig; with its safety envelope where it has one.
+
+    `hanging` is None where a robot or a stand holds the platform.
+    """
 
     geometry: RigGeometry
     limbs: LimbsConfig
     control: ControlConfig
     envelope: EnvelopeLimits | None = None
+    hanging: HangingLoad | None = None
 
     def __post_init__(self) -> None:
         """Check that all files describe the same number of cables."""
@@ -290,6 +309,28 @@ def _envelope(folder: RigFolder) -> EnvelopeLimits | None:
         raise ConfigError(f"{folder.file('safety.yaml')}: {error}") from error
 
 
+def _hanging(folder: RigFolder) -> HangingLoad | None:
+    """Read from safety.yaml and frames.yaml what hangs on the cables alone."""
+    if not folder.has("safety.yaml"):
+        return None
+    content = read_yaml(folder.file("safety.yaml"))
+    declared = content.get("suspension")
+    if content.get("platform_held", True) or not isinstance(declared, dict):
+        return None
+    tool = read_yaml(folder.file("frames.yaml"))
+    try:
+        return HangingLoad(
+            in_range("tool_mass", tool.get("tool_mass", 0.0), 1e-3, 1e6),
+            finite_array("tool_centre_of_mass", tool.get("tool_centre_of_mass", [0.0] * 3), (3,)),
+            in_range("proof_pull", declared.get("proof_pull", np.nan), 1e-3, 1e6),
+        )
+    except (CabolsError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{folder.path}: of a platform that hangs on its cables (frames.yaml, suspension of "
+            f"safety.yaml): {error}"
+        ) from error
+
+
 def load_rig(
     rig: str | Path | RigFolder = "",
     geometry: str | Path | None = None,
@@ -320,6 +361,7 @@ def load_rig(
         load_config(LimbsConfig, rig_file("limbs.yaml", limbs, folder)),
         load_config(ControlConfig, rig_file("control.yaml", control, folder)),
         _envelope(folder),
+        _hanging(folder),
     )
     control_design = found.control
     check_limbs(

@@ -37,6 +37,10 @@ class FaultName(str, Enum):
     """The rig's wiring has not been checked: one limb moves at a time, at 0.1 A, for 5 mm."""
     NOT_HELD = "not_held"
     """Nothing but the cables holds the platform: no current may flow."""
+    HANGS = "hangs"
+    """The platform hangs on its cables and stands on nothing; a notice, with a healthy state."""
+    GEAR = "gear"
+    """A gear does not hold what limbs.yaml says, with the amplifiers off."""
     INACTIVE = "inactive"
     """The bridge is a managed node that is not active: its amplifiers stay off."""
     # Found by controllers and by the bridge in what they receive.

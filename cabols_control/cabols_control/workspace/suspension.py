@@ -144,6 +144,42 @@ def sinking_speed(
     return float(found.fun) / size if found.status == 0 else float("inf")
 
 
+def borne_share(
+    geometry: RigGeometry,
+    position: FloatArray,
+    rotation: FloatArray,
+    weight: FloatArray,
+    most: FloatArray,
+) -> float:
+    """Largest share of a weight that cables of limited pull can bear, in balance.
+
+    Args:
+        geometry: of the rig.
+        position: (3,) of the platform in the base frame [m].
+        rotation: (3, 3) from platform to base axes.
+        weight: (6,) about the platform's origin, base axes [N, N m].
+        most: (n,) pulls [N].
+
+    Returns:
+        From 0 on; inf where nothing bounds it; NaN where it cannot be told.
+    """
+    from scipy.optimize import linprog  # seconds to import, seldom used
+
+    pulls = structure_matrix(geometry, position, rotation)
+    load = finite_array("weight", weight, (6,))
+    bounds = [(0.0, float(pull)) for pull in most] + [(0.0, None)]
+    found = linprog(
+        np.r_[np.zeros(len(most)), -1.0],
+        A_eq=np.column_stack([pulls, load]),
+        b_eq=np.zeros(6),
+        bounds=bounds,
+        method="highs",
+    )
+    if found.status == 3:
+        return float("inf")
+    return float(-found.fun) if found.status == 0 else float("nan")
+
+
 def judge_suspension(
     rig: Rig,
     mass: float,

@@ -99,6 +99,15 @@ class Braking:
             speed: (n,) of the motors, winding in [m/s].
         """
         self.braked = speed > STILL_M_S
+        return self.brake(now_s, speed)
+
+    def brake(self, now_s: float, speed: FloatArray) -> FloatArray:
+        """Return the (n,) currents [A] that stop the motors in `braked`; zero once it is over.
+
+        Args:
+            now_s: now [s].
+            speed: (n,) of the motors, winding in [m/s].
+        """
         if not self.active or now_s >= self._end_s or not self.braked.any():
             return self.stop()
         current = self._motors.current_for(np.zeros(speed.size), speed)

@@ -40,6 +40,28 @@ SMALLER = (
 
 
 @dataclass(frozen=True, config=STRICT)
+class SuspensionConfig:
+    """What a site declares of a platform that hangs on its cables; see docs/safety.md.
+
+    Its stand is where the reference pose is.
+
+    Attributes:
+        sinking_speed: at which the weight may sink with the amplifiers off [m/s].
+        proof_pull: at which each gear is proven, at every start, on the stand [N].
+        net_depth: below the stand, at which a net ends a fall [m]; None: there is none, and no
+            cable may be needed.
+        deviation: of where the platform hangs from where it should [m].
+        turn: likewise [rad].
+    """
+
+    sinking_speed: Speed
+    proof_pull: Force
+    net_depth: Length | None = None
+    deviation: Length = 0.01
+    turn: Angle = 0.06
+
+
+@dataclass(frozen=True, config=STRICT)
 class SafetyConfig:
     """Limits of the rig; beyond them the bridge unloads or cuts by itself.
 
@@ -80,7 +102,8 @@ class SafetyConfig:
         sensor_flat: longest time of a gauge at the same number [s]; 0: no limit.
         relief_time: longest time for FREE_MOVING to remove an overload that it found [s].
         platform_held: whether a robot or a stand holds the platform whatever the cables do. False:
-            it hangs on them, would fall with the amplifiers off, and no current flows.
+            it hangs on them, and no current flows but under the conditions of `suspension`.
+        suspension: what is declared of a platform that hangs on its cables; None: nothing.
     """
 
     wrench_max: list[Force]
@@ -114,6 +137,7 @@ class SafetyConfig:
     speed_path: Speed | None = None
     rotation_speed_path: Turning | None = None
     platform_held: bool = True
+    suspension: SuspensionConfig | None = None
 
     def __post_init__(self) -> None:
         """Check lengths, and the limits against each other."""

@@ -65,6 +65,7 @@ FAULTS: dict[FaultName, Reaction] = {
     FaultName.CARD: Reaction.CUT,
     FaultName.FIRST_POWER_ON: Reaction.CUT,
     FaultName.NOT_HELD: Reaction.CUT,
+    FaultName.GEAR: Reaction.UNLOAD,
 }
 """Every fault that the bridge finds, and its reaction.
 
@@ -92,8 +93,8 @@ SENSOR_LOST: frozenset[FaultName] = frozenset(
 """Faults after which the force/torque sensor tells nothing of a recovery."""
 NOT_HELD = (
     "nothing but the cables holds the platform (platform_held of safety.yaml): it would fall with "
-    "the amplifiers off, so that nothing moves. Let a robot or a stand hold it, then set "
-    "platform_held"
+    "the amplifiers off, so that nothing moves. Let a robot or a stand hold it and set "
+    "platform_held, or meet what docs/safety.md asks of a platform that hangs"
 )
 """What the bridge says of a platform that hangs on its cables."""
 FOLLOWED: frozenset[FaultName] = frozenset(

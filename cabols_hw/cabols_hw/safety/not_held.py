@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bridge says of a platform that hangs on its cables, by its files."""
+"""Whether a platform may hang on its cables, by a rig's files."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ from cabols_hw.safety.faults import NOT_HELD
 
 
 def not_held(rig: Rig, safety: SafetyConfig, card: CardConfig) -> Fault | None:
-    """Return the notice of a rig whose platform hangs on its cables; None: something holds it.
-
-    The files may prove that the gears hold it with the amplifiers off. That is one condition of
-    several, so that no notice is left out for it (docs/safety.md).
+    """Return the notice of a rig whose platform hangs on its cables; None: it may.
 
     Args:
-        rig: geometry, limbs, envelope.
-        safety: with platform_held and the range of positions.
+        rig: geometry, limbs, envelope, what hangs.
+        safety: with platform_held, the range of positions, what the site declares.
         card: with the mass that hangs on the sensor.
     """
     if safety.platform_held:
         return None
     if not card.tool_mass > 0.0:
         return Fault(FaultName.NOT_HELD, f"{NOT_HELD}. frames.yaml gives no tool_mass")
-    from cabols_control.workspace.suspension import judge_suspension  # heavy; seldom used
+    # Heavy; seldom used.
+    from cabols_control.workspace.suspension import judge_suspension
+    from cabols_hw.hanging.conditions import missing_condition
 
+    missing = missing_condition(rig, safety, card)
+    if not missing:
+        return None
     away = np.array(safety.position_range)
     found = judge_suspension(rig, card.tool_mass, np.array(card.tool_centre_of_mass), away)
-    return Fault(FaultName.NOT_HELD, f"{NOT_HELD}. Of its gears: {found.told()}")
+    return Fault(FaultName.NOT_HELD, f"{NOT_HELD}. {missing}. Of its gears: {found.told()}")
