@@ -12,7 +12,7 @@ rig, then with the real nodes under load.
 
 Goes on where it was interrupted; build/faults/generated.jsonl and trials.jsonl keep every trial."""
 
-PARTS = ("all", "generated", "nodes", "crossed")
+PARTS = ("all", "generated", "nodes", "crossed", "hanging")
 
 
 def fault_campaign_parser() -> CommandParser:
@@ -41,7 +41,8 @@ def fault_campaign_parser() -> CommandParser:
         choices=PARTS,
         default=PARTS[0],
         help="in one process; with the real nodes, under load; kinds of the first part once more "
-        "with the real nodes, in each state; or all (default: %(default)s)",
+        "with the real nodes, in each state; a rig whose platform hangs on its cables, in one "
+        "process; or all (default: %(default)s)",
     )
     add("--only", default="", help="only kinds whose name contains this")
     add("--fresh", action="store_true", help="forget the trials done so far")

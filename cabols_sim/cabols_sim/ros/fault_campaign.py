@@ -23,6 +23,7 @@ from cabols_sim.bench.run import isolated_environment, real_time_arguments, run_
 from cabols_sim.fault_campaign.command import fault_campaign_parser
 from cabols_sim.fault_campaign.crossed import CROSSED, crossed_claims
 from cabols_sim.fault_campaign.in_process.command import run_generated
+from cabols_sim.fault_campaign.in_process.hanging_trials import HANGING_SEEDS, run_hanging_campaign
 from cabols_sim.fault_campaign.kinds import KINDS, Kind
 from cabols_sim.fault_campaign.table import holds, read_trials, summarise, text
 from cabols_sim.ros.fault_trials import RESTART_S, Trials
@@ -118,9 +119,13 @@ def main() -> int:
     until_s = time.monotonic() + 60.0 * options.minutes if options.minutes else math.inf
     with output_folder(options.output, "fault_campaign", keep=not options.fresh) as folder:
         seeds, held = 1 if options.short else options.generated, True
+        if options.part in ("all", "hanging") and not (options.short and options.part == "all"):
+            held = run_hanging_campaign(options.output, HANGING_SEEDS, options.only, until_s)
+        if options.part == "hanging":
+            return DONE if held else FAILED
         if options.part in ("all", "generated"):
             plan = options.rig, seeds, options.only, until_s
-            held = run_generated(options.output, *plan)
+            held = run_generated(options.output, *plan) and held
         if options.short or options.part == "generated":
             return DONE if held else FAILED
         code = DONE if held else FAILED

@@ -30,6 +30,8 @@ COAST_M = 0.012
 """Way by which the weight may sink besides: motors that pay out at 16 mm/s coast, cables give."""
 NET_GIVES_M = 0.08
 PLANTS = 3
+HANGING_SEEDS = 3
+"""Trials of each kind in each of its states."""
 
 
 class HangingBench:
