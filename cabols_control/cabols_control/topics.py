@@ -154,6 +154,12 @@ _ROWS = (
         live=True,
     ),
     Topic(
+        "desired_pose",
+        "geometry_msgs/msg/PoseStamped",
+        Quality.REPORT,
+        "where a platform that hangs on its cables is to move, in the rig's base frame [m]",
+    ),
+    Topic(
         "path_motion",
         "cabols_msgs/msg/PathMotion",
         Quality.CONTROL,

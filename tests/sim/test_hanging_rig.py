@@ -211,3 +211,18 @@ def test_a_fall_would_be_judged(bench):
     assert "not found" in why_wrong(bench, found)
     below = trial | {"kind": "cable breaks", "below_m": 0.3}
     assert "net" in why_wrong(bench, below)
+
+
+def test_a_goal_that_is_told_again_and_again_is_reached(lifted):
+    rig = lifted
+    place = rig.rig.geometry.reference_position + np.array([0.0, 0.02, 0.07])
+    for _ in range(500):
+        assert not rig.guard.watch.go(place, np.eye(3))
+        rig.run(0.01)
+    np.testing.assert_allclose(offset(rig), [0.0, 0.02, 0.07], atol=1e-3)
+    # Another one on the way is gone to from where the platform comes to rest, without a jump.
+    rig.guard.watch.go(place + 0.05, np.eye(3))
+    rig.run(1.0)
+    rig.go(np.array([0.0, 0.0, 0.07]))
+    assert rig.guard.fault is None
+    np.testing.assert_allclose(offset(rig), [0.0, 0.0, 0.07], atol=1e-3)

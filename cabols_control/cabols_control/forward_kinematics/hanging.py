@@ -191,7 +191,7 @@ def hang_into(
         while not accepted:
             size = np.inf
             if _solved(stiffness, damping, force, step):
-                size = np.sqrt(step[:3] @ step[:3] + ARM_M**2 * (step[3:] @ step[3:]))
+                size = float(np.sqrt(step[:3] @ step[:3] + ARM_M**2 * (step[3:] @ step[3:])))
             if size < 0.2:
                 _moved(pose, step, trial)
                 found = _forces(cables, compliance, body, rest, trial, work, tension, other)

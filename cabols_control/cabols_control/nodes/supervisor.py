@@ -25,7 +25,7 @@ from cabols_control.ros.parameters import declare, declare_row
 from cabols_control.ros.stops import PRESSED, StopReceiver
 from cabols_control.ros.threads.ticker import Ticker
 from cabols_control.supervision.faults import Fault, FaultName, fault_name
-from cabols_control.supervision.modes import MOVING, NEXT, Entry, OperatingMode
+from cabols_control.supervision.modes import MOVING, Entry, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.senders import SenderFollower
 from cabols_control.supervision.session import LOCKSTEP_SESSION
@@ -65,6 +65,7 @@ class SupervisorNode(ControlNode):
             # In lockstep the clock itself waits for the controllers.
             controllers=() if self.paced else needed,
             bridges=() if self.paced else SupervisionConfig.bridges,
+            hangs=self.rig.hanging is not None,
         )
         self._core = Supervision(config)
         self._operator_watchdog = OperatorWatchdog(
@@ -225,7 +226,7 @@ class SupervisorNode(ControlNode):
     def _set_mode(self, request: Any, response: Any) -> Any:
         with self._lock:
             # No wait for a request that is refused anyway: a flood of them must not hold the lock.
-            if not self.paced and request.mode in NEXT[self._core.mode]:
+            if not self.paced and request.mode in self._core.following:
                 self._await_news()
             verdict = self._core.request(request.mode, self._now_s())
             self._publish_change()

@@ -26,6 +26,7 @@ from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, OperatingMode
 from cabols_control.warm_up import warm_wrenches
 from cabols_control.wrench_control.controller import DesiredWrench, WrenchController
+from cabols_control.wrench_control.hanging import HangingWrenchController
 from cabols_control.wrench_control.tension_setpoint import DesiredTension
 
 BRIDGE_SILENT_S = 0.5
@@ -50,7 +51,8 @@ class WrenchControllerNode(ControlNode):
             self.rig = replace(self.rig, control=control)
         warm_wrenches(self.rig)
         geometry = self.rig.geometry
-        self._controller = WrenchController(self.rig)
+        hangs = self.rig.hanging is not None
+        self._controller = (HangingWrenchController if hangs else WrenchController)(self.rig)
         lockstep = self.lockstep
         self._wrench = Input(
             self, "wrench", topics.wrench_layout(geometry.platform_frame), lockstep
@@ -257,6 +259,9 @@ class WrenchControllerNode(ControlNode):
             self._excuse_tension()
             return
         self._tension_count = self._tension_setpoint.count
+        if self.rig.hanging is not None:
+            self._refuse("desired_tension: tensions alone would let the platform go, which hangs")
+            return
         record = self._tension_setpoint.record
         values = np.array(record["tension"])
         if record["limb"].tobytes() != self._limbs or not np.isfinite(values).all():

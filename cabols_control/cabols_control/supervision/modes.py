@@ -79,6 +79,15 @@ NEXT: dict[OperatingMode, tuple[OperatingMode, ...]] = {
 }
 """Modes that may be requested in each mode: LOADING is left through UNLOADING, FAULT by reset."""
 
+NEXT_HANGING: dict[OperatingMode, tuple[OperatingMode, ...]] = {
+    **{mode: (OperatingMode.STOPPED,) for mode in NEXT if mode != OperatingMode.FAULT},
+    OperatingMode.STOPPED: (OperatingMode.PRETIGHTENING, OperatingMode.LOADING),
+    OperatingMode.PRETIGHTENING: (OperatingMode.STOPPED, OperatingMode.LOADING),
+    OperatingMode.FAULT: (),
+}
+"""The same where the platform hangs on its cables: what would let it go is not to be had, and from
+LOADING gears take it over at once, by which it may be loaded again."""
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -147,12 +156,20 @@ class ModeMachine:
     Attributes:
         entry: present mode and how it was entered; replaced as a whole.
         pending: the mode after UNLOADING; None in other modes.
+        hangs: whether the platform hangs on its cables.
+        following: modes that may be requested in each mode.
         zeroing_seen: newest LimbState.zeroing; the next pre-tightening gets a number beyond it, so
             that a restarted supervisor does not accept its predecessor's zeros.
     """
 
-    def __init__(self) -> None:
-        """Start in STOPPED."""
+    def __init__(self, hangs: bool = False) -> None:
+        """Start in STOPPED.
+
+        Args:
+            hangs: whether the platform hangs on its cables.
+        """
+        self.hangs = hangs
+        self.following = NEXT_HANGING if hangs else NEXT
         self.entry = Entry(OperatingMode.STOPPED, Cause.START, "start", None, 0)
         self.pending: OperatingMode | None = None
         self.zeroing_seen = 0
@@ -194,7 +211,7 @@ class ModeMachine:
         verdict = self._judge(mode, condition)
         if not verdict.allowed or mode == self.mode:
             return verdict
-        if self.mode in LOADED:
+        if self.mode in LOADED and not self.hangs:
             self.pending = mode
             self._enter(OperatingMode.UNLOADING, Cause.ON_THE_WAY, f"on the way to {mode.name}")
             return Verdict(ResultCode.DONE, f"unloading, then {mode.name}")
@@ -203,7 +220,7 @@ class ModeMachine:
 
     def abandon(self, reason: str) -> None:
         """Bring an unattended rig to rest: through UNLOADING if it is loaded."""
-        if self.mode in LOADED:
+        if self.mode in LOADED and not self.hangs:
             self.pending = OperatingMode.STOPPED
             self._enter(OperatingMode.UNLOADING, Cause.UNATTENDED, reason)
         elif self.mode in MOVING:
@@ -229,8 +246,13 @@ class ModeMachine:
             )
         if mode == self.mode:
             return Verdict(ResultCode.DONE, "requested")
-        if mode not in NEXT[self.mode]:
-            before = [m.name for m, following in NEXT.items() if mode in following]
+        if mode not in self.following[self.mode]:
+            before = [m.name for m, following in self.following.items() if mode in following]
+            if not before:
+                return Verdict(
+                    ResultCode.WRONG_MODE,
+                    f"{mode.name} would let the platform go, which hangs on its cables",
+                )
             return Verdict(
                 ResultCode.WRONG_MODE,
                 f"{mode.name} follows {' or '.join(before)}, the mode is {self.mode.name}",

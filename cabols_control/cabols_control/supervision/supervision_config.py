@@ -22,6 +22,7 @@ class SupervisionConfig:
         unload_timeout_s: longest UNLOADING.
         recorder: node without whose reports a test is not recorded; empty for none.
         recorder_timeout_s: longest silence of a recorder that has recorded.
+        hangs: whether the platform hangs on its cables.
     """
 
     auto_start: bool = False
@@ -35,3 +36,4 @@ class SupervisionConfig:
     unload_timeout_s: float = 5.0
     recorder: str = "recorder"
     recorder_timeout_s: float = 5.0
+    hangs: bool = False

@@ -43,7 +43,7 @@ class Supervision:
     def __init__(self, config: SupervisionConfig) -> None:
         """Start in STOPPED, without any message."""
         self._config = config
-        self._machine = ModeMachine()
+        self._machine = ModeMachine(config.hangs)
         self._zeroed: BoolArray | None = None
         self._zeroing = 0
         self._free_since_s = np.inf
@@ -57,6 +57,7 @@ class Supervision:
         self._untared: dict[str, str] = {}
         self._unchecked: dict[str, str] = {}
         self._barred: dict[str, Fault] = {}
+        self._hanging: dict[str, str] = {}
         self._leaving: dict[str, tuple[str, float]] = {}
         self._recorded_s = np.inf
         self._complaints: dict[str, tuple[Fault, float]] = {}
@@ -78,6 +79,11 @@ class Supervision:
     def entry(self) -> Entry:
         """Present mode and how it was entered."""
         return self._machine.entry
+
+    @property
+    def following(self) -> tuple[OperatingMode, ...]:
+        """Modes that may be requested in the present one."""
+        return self._machine.following[self._machine.mode]
 
     def hear_state(
         self,
@@ -193,6 +199,7 @@ class Supervision:
         for name, notes in (
             (FaultName.FIRST_POWER_ON, self._unchecked),
             (FaultName.NOT_TARED, self._untared),
+            (FaultName.HANGS, self._hanging),
         ):
             if notice is not None and notice.name == name:
                 self._note(notes, node, notice.reason)
@@ -319,6 +326,9 @@ class Supervision:
             for node, reason in self._unchecked.items():
                 text = f"{node}: {reason}"
                 return Verdict(ResultCode.FAULT_REPORTED, text, FaultName.FIRST_POWER_ON)
+        if requested == OperatingMode.PRETIGHTENING:
+            for node, reason in self._hanging.items():
+                return Verdict(ResultCode.FAULT_REPORTED, f"{node}: {reason}", FaultName.HANGS)
         if requested == OperatingMode.LOADING:
             for node, reason in self._untared.items():
                 return Verdict(ResultCode.FAULT_REPORTED, f"{node}: {reason}", FaultName.NOT_TARED)

@@ -80,12 +80,12 @@ class HangingWrenchController(WrenchController):
         most = min(rig.control.tension_max, rig.hanging.proof_pull)
         super().__init__(replace(rig, control=replace(rig.control, tension_max=most)))
         # The proof goes up to the rig's own limit.
-        self._own = rig
         self._tensions = TensionReference(rig)
         self._since_s = np.inf
         self._total = np.zeros(6)
-        self._proof: tuple[FloatArray, FloatArray] | None = None
         self._entered = False
+        # The stand is where the reference pose is.
+        self._proof = proof_tensions(rig, rig.hanging, -BORNE * self.weight(), self._matrix)
 
     @property
     def proving(self) -> bool:
@@ -126,8 +126,6 @@ class HangingWrenchController(WrenchController):
             self._entered = True
             if -measured[2] > STANDS * -weight[2]:
                 self._since_s = 0.0
-                bears = -BORNE * weight
-                self._proof = proof_tensions(self._own, self._hanging, bears, self._matrix)
         elif dt_s > 0.0:
             self._since_s += dt_s
         np.subtract(measured, weight, out=self._total)
@@ -135,7 +133,7 @@ class HangingWrenchController(WrenchController):
 
     def _led(self, stamp_s: float) -> DesiredTension | None:
         """Tensions of the proof and after it; None: the wrench law leads."""
-        if self._proof is None or not self._since_s < PROVING_S + LOWERING_S:
+        if not self._since_s < PROVING_S + LOWERING_S:
             if self._tensions.active:
                 # What they lead to is what the law begins with.
                 self._tensions.reset()

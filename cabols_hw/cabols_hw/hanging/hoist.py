@@ -50,6 +50,7 @@ class Hoist:
         self._way, self._turn = np.zeros(3), np.zeros(3)
         self._length = self._gone = self._rate = 0.0
         self._next: tuple[FloatArray, FloatArray] | None = None
+        self._goal = self._start
 
     @property
     def moving(self) -> bool:
@@ -57,13 +58,15 @@ class Hoist:
         return self._rate > 0.0 or self._next is not None
 
     def go(self, position: FloatArray, rotation: FloatArray) -> None:
-        """Go to a pose.
+        """Go to a pose; one that is gone to already changes nothing, however often it is told.
 
         Args:
             position: (3,) base frame [m].
             rotation: (3, 3) from platform to base axes.
         """
-        self._next = (np.array(position), np.array(rotation))
+        goal = (np.array(position), np.array(rotation))
+        if not all(np.array_equal(new, old) for new, old in zip(goal, self._goal, strict=True)):
+            self._next = self._goal = goal
 
     def step(self, dt_s: float) -> None:
         """Advance.

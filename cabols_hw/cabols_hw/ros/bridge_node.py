@@ -6,6 +6,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from std_srvs.srv import Trigger
@@ -20,21 +21,18 @@ from cabols_control.ros.sessions import ModeInput, same_session
 from cabols_control.ros.stops import STOPPED, StopLatch
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import MOVING, Cause, OperatingMode
-from cabols_hw.bridge.bridge import Bridge
-from cabols_hw.bridge.scaling import CLOSINGS
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_hw.card.daq import CardSample, Daq
 from cabols_hw.ros.answer_count import AnswerCount
 from cabols_hw.ros.bias_keeper import BiasKeeper
 from cabols_hw.ros.bridge_safety import bridge_safety
+from cabols_hw.ros.hanging_pose import hanging_pose, make_bridge
 from cabols_hw.ros.managed_bridge import INACTIVE, ManagedBridge, why_busy
 from cabols_hw.ros.pose_input import PoseInput
 from cabols_hw.ros.power_on import PowerOnGate
 from cabols_hw.ros.warm_up import warm_up_guard
 from cabols_hw.safety.config import SafetyConfig
-from cabols_hw.safety.guard import BridgeGuard
-from cabols_hw.safety.not_held import not_held
 
 NOTICE_EVERY = 100
 """Cycles between two looks at what is worth a notice."""
@@ -77,14 +75,14 @@ class BridgeNode(ManagedBridge, ControlNode):
         self.daq = make_daq(self, self.rig, self._card)
         geometry = self.rig.geometry
         n = geometry.cables
-        self.bridge = Bridge(self.rig, self._card, CLOSINGS)
-        self._bias_keeper = BiasKeeper(self, self.bridge, self._card, self.is_rig)
-        self._notice: Fault | None = None
         self._watchdog_s = declare_row(self, HW_NODES.argument("watchdog")) or self._card.watchdog
         self._safety_config = self.safety_config()
-        self._guard = BridgeGuard(self.rig, self._safety_config, self._watchdog_s)
+        limits = self.rig, self._card, self._safety_config, self._watchdog_s
+        self._unheld, self.bridge, self._guard = make_bridge(*limits)
+        self._bias_keeper = BiasKeeper(self, self.bridge, self._card, self.is_rig)
+        self._notice: Fault | None = None
         self._power_on = PowerOnGate(self, self._guard, self.is_rig)
-        self._unheld = not_held(self.rig, self._safety_config, self._card)
+        self.hanging = hanging_pose(self, self.bridge, self._guard)
         currents = topics.motor_current_layout(geometry, n)
         sessions = self.status.sessions
         self._current_input = Input(self, "motor_current", currents, self.lockstep)
@@ -140,14 +138,18 @@ class BridgeNode(ManagedBridge, ControlNode):
 
     def extra_inputs(self) -> list[Input]:
         """Inputs besides motor_current and mode: here, the platform's pose from the robot."""
-        return [self._poses]
+        return [] if self.hanging is not None else [self._poses]
 
     def on_inputs(self) -> None:
         """Take the messages of extra_inputs."""
-        self._poses.follow(self._newest_s)
+        if self.hanging is None:
+            self._poses.follow(self._newest_s)
 
     def on_sample(self, stamp_ns: int, sequence: int) -> None:
         """Publish further messages with a sample; called just before it is published."""
+        if self.hanging is not None:
+            self.hanging.sample(stamp_ns, sequence, self._mode)
+            self._poses.used = True
 
     def end_asked(self) -> None:
         """Ask for unloading; the bridge helps itself if nobody unloads."""
@@ -181,7 +183,8 @@ class BridgeNode(ManagedBridge, ControlNode):
             if thread.is_alive():
                 thread.join(timeout=1.0)
         self.daq.close()
-        self._bias_keeper.tell_held()
+        if self.hanging is None:
+            self._bias_keeper.tell_held()
 
     @property
     def failure(self) -> BaseException | None:
@@ -370,8 +373,9 @@ class BridgeNode(ManagedBridge, ControlNode):
         answered = RUNNING if ready else WAITING
         if self.status.cycles % NOTICE_EVERY == 0:
             resting = self._mode not in MOVING and not self._guard.unloading.active
-            found = self._power_on.look(resting) or self._bias_keeper.look(resting)
-            self._notice = self._unheld or found
+            # What a sensor would show is not the platform's where nothing holds it.
+            own = self.hanging.notice if self.hanging else partial(self._bias_keeper.look, resting)
+            self._notice = self._unheld or self._power_on.look(resting) or own()
         self.status.stop = stopped = self._stops.number
         if stopped:
             self.status.cycle(stamp_ns, FAULT, STOPPED)

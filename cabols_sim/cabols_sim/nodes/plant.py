@@ -26,7 +26,7 @@ from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import CardConfig
 from cabols_hw.ros.bridge_node import BridgeNode
-from cabols_hw.safety.config import SafetyConfig
+from cabols_hw.safety.config import SafetyConfig, load_safety
 from cabols_sim.bringup_nodes import NODES as SIM_NODES
 from cabols_sim.devices.link import DEFAULT_LINK_PORT, PlantLink
 from cabols_sim.devices.robot.coupling import RobotCoupling
@@ -38,6 +38,7 @@ from cabols_sim.faults import FaultError
 from cabols_sim.plant.card import SimulatedQ8
 from cabols_sim.plant.config import PlantConfig, load_plant
 from cabols_sim.plant.plant import Plant
+from cabols_sim.plant.stand import DAMPING, Stand, StandingPlatform, hanging_body
 
 POSE_EVERY = 4
 """The robot reports its pose every 4 ms; in lockstep every sample has one."""
@@ -59,6 +60,8 @@ def make_card(node: BridgeNode, rig: Rig, card: CardConfig) -> SimulatedQ8:
     warm_up_card(rig, card, config)
     node.coupling = make_coupling(node, rig.geometry)
     robot = node.coupling.robot if node.coupling is not None else None
+    if rig.hanging is not None:
+        robot = hanging_target(rig, load_safety(node.rig_folder))
     plant = Plant(rig, card, config, seed, robot)
     if node.coupling is not None:
         node.coupling.obey_faults(plant.faults)
@@ -85,6 +88,20 @@ def make_coupling(node: BridgeNode, geometry: RigGeometry) -> RobotCoupling | No
     target = RobotTarget(config, stored, load_arm(node.rig_folder))
     check_robot(target.arm, stored, geometry).settle(node.rig_folder.path)
     return RobotCoupling(target, PlantLink(port))
+
+
+def hanging_target(rig: Rig, safety: SafetyConfig) -> StandingPlatform | None:
+    """Build the platform that hangs on its cables, on its stand; None where something holds it."""
+    if safety.platform_held or rig.hanging is None:
+        return None
+    depth = None if safety.suspension is None else safety.suspension.net_depth
+    stand = Stand() if depth is None else Stand(net_depth=depth)
+    made, warm = (
+        StandingPlatform(rig.geometry, hanging_body(rig.hanging), DAMPING, stand) for _ in range(2)
+    )
+    warm.release()
+    warm.step(np.zeros(6), 1e-3)
+    return made
 
 
 def warm_up_card(rig: Rig, card: CardConfig, config: PlantConfig) -> None:
@@ -116,7 +133,7 @@ class PlantNode(BridgeNode):
         geometry = self.rig.geometry
         self._pose = topics.pose_layout(geometry).record()
         self._place = b""
-        if self.coupling is None:
+        if self.coupling is None and self.hanging is None:
             self._pose_output = self.advertise_live("platform_pose")
         self._truth = None
         if declare_row(self, SIM_NODES.argument("truth")):
@@ -199,6 +216,9 @@ class PlantNode(BridgeNode):
             self._publish_truth(stamp_ns, sequence)
         if self.coupling is not None:
             self.coupling.on_sample(stamp_ns, sequence)
+            return
+        if self.hanging is not None:
+            super().on_sample(stamp_ns, sequence)
             return
         if not self.lockstep and sequence % POSE_EVERY != 0:
             return

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 
 from cabols_control.checks import FloatArray
@@ -88,6 +90,10 @@ class HangingRig(LockstepRig):
         self.bridge: HangingBridge = HangingBridge(self.rig, self._card_config, CLOSINGS)
         self.guard: HangingGuard = HangingGuard(self.rig, self._safety, self._card_config.watchdog)
         self.wrenches: HangingWrenchController = HangingWrenchController(self.rig)
+
+    def fork(self) -> HangingRig:
+        """Return a copy that goes its own way."""
+        return copy.deepcopy(self)
 
     def watch(self) -> None:
         """Forget what was highest."""
