@@ -11,8 +11,8 @@ import pytest
 from cabols_control.errors import ConfigError
 from cabols_control.rig import GearConfig, load_rig
 from cabols_hw.card.config import load_card
-from cabols_hw.hanging.conditions import missing_condition
 from cabols_hw.safety.config import load_safety
+from cabols_hw.safety.hanging_conditions import missing_condition
 from cabols_hw.safety.not_held import not_held
 
 RIG, SAFETY, CARD = load_rig("hanging"), load_safety("hanging"), load_card("hanging")

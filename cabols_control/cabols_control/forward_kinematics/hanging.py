@@ -39,7 +39,7 @@ LEAST_STIFFNESS = 50.0
 def _forces(
     cables: FloatArray,
     compliance: tuple[FloatArray, FloatArray],
-    body: tuple[float, FloatArray],
+    body: tuple[FloatArray, FloatArray],
     rest: FloatArray,
     pose: tuple[FloatArray, FloatArray],
     work: tuple[FloatArray, FloatArray],
@@ -49,16 +49,12 @@ def _forces(
     """Fill (n,) tensions and the (6,) wrench on the platform, weight included; its energy [J]."""
     position, rotation = pose
     length, matrix = work
-    weight, centre = body
+    pull, centre = body
     cable_lengths_into(cables, position, rotation, length)
     structure_matrix_into(cables, position, rotation, matrix)
-    energy: float = weight * float(position[2])
-    for k in range(3):
-        energy += weight * rotation[2, k] * centre[k]
     arm = rotation @ centre
-    force[0] = force[1] = force[5] = 0.0
-    force[2] = -weight
-    force[3], force[4] = -arm[1] * weight, arm[0] * weight
+    energy = -float(pull @ (position + arm))
+    force[:3], force[3:] = pull, np.cross(arm, pull)
     for i in range(rest.shape[0]):
         stretch = length[i] - rest[i]
         soft = compliance[0][i] + compliance[1][i] * length[i]
@@ -80,14 +76,15 @@ def _moved(
 ) -> None:
     for k in range(3):
         moved[0][k] = pose[0][k] + step[k]
-    turned(pose[1], step[3], step[4], step[5], moved[1])
+    turn = step[3:]
+    turned(pose[1], turn[0], turn[1], turn[2], moved[1])
 
 
 @njit(cache=True)
 def _stiffness(
     cables: FloatArray,
     compliance: tuple[FloatArray, FloatArray],
-    body: tuple[float, FloatArray],
+    body: tuple[FloatArray, FloatArray],
     rest: FloatArray,
     pose: tuple[FloatArray, FloatArray],
     work: tuple[FloatArray, FloatArray],
@@ -152,7 +149,7 @@ def _solved(matrix: FloatArray, damping: float, force: FloatArray, step: FloatAr
 def hang_into(
     cables: FloatArray,
     compliance: tuple[FloatArray, FloatArray],
-    body: tuple[float, FloatArray],
+    body: tuple[FloatArray, FloatArray],
     rest: FloatArray,
     pose: tuple[FloatArray, FloatArray],
     tension: FloatArray,
@@ -163,7 +160,7 @@ def hang_into(
     Args:
         cables: (n,) records of CABLE.
         compliance: (n,) of all but the cables' lengths [m/N], (n,) of a metre of them [1/N].
-        body: weight [N], (3,) centre of mass, platform axes [m].
+        body: (3,) weight, base axes [N]; (3,) centre of mass, platform axes [m].
         rest: (n,) lengths of the slack cables [m].
         pose: (3,) [m] and (3, 3); start, then where it hangs.
         tension: (n,) filled [N].
@@ -254,13 +251,14 @@ class HangingPlatform:
         varies = np.asarray(springs.per_metre) > 0.0
         fixed = np.where(varies, springs.fixed, 1.0 / springs.nominal)
         self._compliance = (fixed, np.where(varies, springs.per_metre, 0.0))
-        self._body = (mass * GRAVITY_M_S2, np.array(finite_array("centre", centre, (3,))))
+        pull = np.array([0.0, 0.0, -mass * GRAVITY_M_S2])
+        self._body = (pull, np.array(finite_array("centre", centre, (3,))))
         self._finder: PoseFinder | None = None
 
     @property
     def weight(self) -> float:
         """Of what hangs on the cables [N]."""
-        return self._body[0]
+        return float(np.linalg.norm(self._body[0]))
 
     def weight_at(self, rotation: FloatArray) -> FloatArray:
         """(6,) about the platform's origin, base axes [N, N m].
@@ -268,9 +266,8 @@ class HangingPlatform:
         Args:
             rotation: (3, 3) from platform to base axes.
         """
-        arm = rotation @ self._body[1]
-        weight = self._body[0]
-        return np.array([0.0, 0.0, -weight, -arm[1] * weight, arm[0] * weight, 0.0])
+        pull, centre = self._body
+        return np.concatenate([pull, np.cross(rotation @ centre, pull)])
 
     def hang(self, rest: FloatArray, position: FloatArray, rotation: FloatArray) -> Hang:
         """Find where it hangs, from a pose near it.

@@ -14,6 +14,7 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
+from cabols_control.forward_kinematics.hanging import GRAVITY_M_S2
 from cabols_control.rig import HangingLoad, Rig
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import distribute
@@ -94,9 +95,8 @@ class HangingWrenchController(WrenchController):
 
     def weight(self) -> FloatArray:
         """(6,) about the platform's origin, base axes [N, N m]."""
-        arm = self.pose[1] @ self._hanging.centre
-        weight = 9.80665 * self._hanging.mass
-        return np.array([0.0, 0.0, -weight, -arm[1] * weight, arm[0] * weight, 0.0])
+        pull = np.array([0.0, 0.0, -GRAVITY_M_S2 * self._hanging.mass])
+        return np.concatenate([pull, np.cross(self.pose[1] @ self._hanging.centre, pull)])
 
     def step(
         self,

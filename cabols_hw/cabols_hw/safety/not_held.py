@@ -26,7 +26,7 @@ def not_held(rig: Rig, safety: SafetyConfig, card: CardConfig) -> Fault | None:
         return Fault(FaultName.NOT_HELD, f"{NOT_HELD}. frames.yaml gives no tool_mass")
     # Heavy; seldom used.
     from cabols_control.workspace.suspension import judge_suspension
-    from cabols_hw.hanging.conditions import missing_condition
+    from cabols_hw.safety.hanging_conditions import missing_condition
 
     missing = missing_condition(rig, safety, card)
     if not missing:
