@@ -19,6 +19,7 @@ class Hoist:
     once the platform has come to rest on the way before.
 
     Attributes:
+        arm: length by which a turn counts as a way [m].
         position: (3,) commanded, base frame [m].
         rotation: (3, 3) commanded, from platform to base axes.
     """
@@ -34,7 +35,7 @@ class Hoist:
             speed: largest [m/s].
             turning: largest [rad/s].
         """
-        self._speed, self._arm = speed, speed / turning
+        self._speed, self.arm = speed, speed / turning
         self.position, self.rotation = np.zeros(3), np.eye(3)
         self.put(position, rotation)
 
@@ -99,4 +100,4 @@ class Hoist:
         self._way = position - self.position
         self._turn = Rotation.from_matrix(rotation @ self.rotation.T).as_rotvec()
         far, turn = float(np.linalg.norm(self._way)), float(np.linalg.norm(self._turn))
-        self._length, self._gone, self._rate = max(far, self._arm * turn), 0.0, 0.0
+        self._length, self._gone, self._rate = max(far, self.arm * turn), 0.0, 0.0

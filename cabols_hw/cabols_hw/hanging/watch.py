@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.forward_kinematics import PoseState
@@ -33,8 +34,11 @@ NEAR_M, NEAR_RAD = 0.05, 0.2
 """Half widths of the region in which no other pose may have the cables' lengths."""
 SPEED_SHARE = 0.8
 """Of the envelope's speeds under load, that a way uses."""
-FOLLOWED_M = 2e-4
-"""Motion at rest below which the told pose stays."""
+FOLLOWED_M, FOLLOWED_M_S = 2e-4, 0.015
+"""Motion at rest below which the told pose stays, and how fast it follows a larger one: slower than
+a platform may be under load, so that a mode that begins meanwhile sees no motion."""
+CLOSE_M = 3e-3
+"""Way between both from which a load may begin: it goes on from the told pose."""
 PROOF_TIME_S = 20.0
 """Longest time in LOADING on the stand without a proof of the gears."""
 OVER_PROOF = 1.15
@@ -86,6 +90,7 @@ class HangingWatch:
         self._open_s = 0.0
         self._unproven_s = 0.0
         self._set_down = False
+        self._settled, self._far = True, 0.0
         self._doubt = ""
 
     @property
@@ -116,13 +121,15 @@ class HangingWatch:
             return f"{mode.name} would let the platform go: it hangs on its cables"
         if not bridge.zeroed.all():
             return "limbs have no zero: where the platform hangs is not known"
-        if self.standing:
-            return ""
-        if self._doubt:
+        if self._doubt and not self.standing:
             return (
                 f"after {self._doubt} where it hangs is in doubt: bear it from below until all "
                 "switches are open, and find the zeros anew"
             )
+        if not self._far <= CLOSE_M:
+            return "the told pose still comes to where the platform is, after a stop"
+        if self.standing:
+            return ""
         if self.hang is None or self.state is not PoseState.KNOWN:
             return f"where the platform hangs is not certain ({self.state.name.lower()})"
         if not self.proof.done:
@@ -185,9 +192,11 @@ class HangingWatch:
             self._look(bridge)
             self._set_down = self._surely_stands(bridge)
         if mode == OperatingMode.LOADING:
+            # Afterwards the told pose has to come to where the platform is.
+            self._settled, self._far = False, 0.0
             self.hoist.step(dt_s)
         elif self._ticks % LOOK_EVERY == 0:
-            self._follow()
+            self._follow(LOOK_EVERY * dt_s)
 
     def begin(self, mode: OperatingMode) -> None:
         """Enter a mode: a load begins where the platform is, a pre-tightening on the stand.
@@ -202,7 +211,9 @@ class HangingWatch:
             self.standing, self.hang = True, None
             self.proof.forget()
             self._doubt = ""
-        self.hoist.put(*self.where)
+            self.hoist.put(*self._stand)
+        else:
+            self.hoist.put(self.hoist.position.copy(), self.hoist.rotation.copy())
 
     def _look(self, bridge: HangingBridge) -> None:
         if not bridge.zeroed.all():
@@ -224,16 +235,23 @@ class HangingWatch:
             limits = LENGTH_STD_M, NEAR_M, NEAR_RAD
             self.state = bridge.platform.certified(self.hang, lengths, *limits)
 
-    def _follow(self) -> None:
-        """Let the told pose be where the platform is."""
+    def _follow(self, dt_s: float) -> None:
+        """Let the told pose come to where the platform is."""
         position, rotation = self.where
-        moved = float(np.linalg.norm(position - self.hoist.position))
-        turned = self._declared.deviation * angle_between(rotation, self.hoist.rotation)
-        if self.hoist.moving or moved + turned > FOLLOWED_M:
-            self.hoist.put(position, rotation)
+        told, turned = self.hoist.position, self.hoist.rotation
+        way = position - told
+        turn = Rotation.from_matrix(rotation @ turned.T).as_rotvec()
+        far = max(float(np.linalg.norm(way)), self.hoist.arm * float(np.linalg.norm(turn)))
+        self._far, self._settled = far, far <= FOLLOWED_M
+        if not self._settled or self.hoist.moving:
+            share = min(FOLLOWED_M_S * dt_s / max(far, FOLLOWED_M), 1.0)
+            turns = Rotation.from_rotvec(share * turn).as_matrix()
+            self.hoist.put(told + share * way, turns @ turned)
 
     def _surely_stands(self, bridge: HangingBridge) -> bool:
-        """Whether the stand surely bears the platform."""
+        """Whether the stand surely bears the platform, and the told pose is there."""
+        if not self._settled:
+            return False
         if self._open_s >= OPEN_S:
             return True
         if not bridge.zeroed.all() or self.hang is None or not self.standing:

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
 from cabols_control.rig import Rig
-from cabols_control.ros import topics
+from cabols_control.ros.messages import topics
+from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.ros.node import ControlNode
-from cabols_control.ros.qos import topic_qos
 from cabols_control.rotations import read_pose
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
