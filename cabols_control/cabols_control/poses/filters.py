@@ -18,6 +18,7 @@ by what it has off the newest pose, so that rotations stay small vectors.
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,16 @@ DEGREE = np.array([2, 4, 3, 2, 2, 1, 0])
 FORGETTING = np.array([0.0, 0.1, 0.2, 0.5, 0.75, 0.9, 0.95])
 """Degree of each filter's motion, and what it keeps of the past from pose to pose."""
 FILTERS, ORDERS = 7, 5
+
+
+class Order(IntEnum):
+    """Row of a motion: its derivatives by time, those of the differences up to the third."""
+
+    SPEED = 1
+    ACCELERATION = 2
+    JERK = 3
+
+
 SCORE_SHARE = 0.06
 """Of the newest miss in a score: about 16 poses count."""
 WEIGHTING = 4
@@ -150,7 +161,7 @@ def mean_of_filters(filters: Any, motion: FloatArray, late: FloatArray) -> None:
                 for order in range(DEGREE[i] + 1):
                     motion[order, k] += weight * filters["motion"][i, order, k]
                 if i == 0:
-                    late[k] = weight * filters["motion"][i, 3, k]
+                    late[k] = weight * filters["motion"][i, Order.JERK, k]
         # Noise takes high orders away with their filters' weights.
         motion[:, axes] /= total
         late[axes] /= total

@@ -26,6 +26,7 @@ from cabols_control.checks import FloatArray
 from cabols_control.poses.filters import (
     ORDERS,
     POSE_FILTERS,
+    Order,
     go_on,
     hear_step,
     mean_of_filters,
@@ -205,7 +206,8 @@ def hear_pose(track: Any, time_s: float, position: FloatArray, rotation: FloatAr
     hear_step(filters, mean * dt_s, dt_s, own["steps"] > 1)
     # Views of one filter: that of the differences.
     differences = filters["motion"][0]
-    speed, gain, jerk = differences[1], differences[2], differences[3]
+    speed, gain = differences[Order.SPEED], differences[Order.ACCELERATION]
+    jerk = differences[Order.JERK]
     for k in range(6):
         if own["steps"] > 1:
             grown = SMOOTHING * (change[k] / middle_s - gain[k])
