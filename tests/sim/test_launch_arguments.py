@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from cabols_control.bringup import argument_text
 from cabols_control.bringup.argument_text import read_arguments
 from cabols_control.bringup.graph import all_arguments, rig_graph
 from cabols_control.errors import ConfigError
@@ -80,7 +81,9 @@ def values_of(argument):
 
 
 @pytest.mark.parametrize(("kind", "argument"), EVERY, ids=[f"{k}-{a.name}" for k, a in EVERY])
-def test_right_wrong_and_misspelt(kind, argument, places):
+def test_right_wrong_and_misspelt(kind, argument, places, monkeypatch):
+    if argument.name in argument_text.NEEDED_TYPES:
+        monkeypatch.setattr(argument_text, "type_is_installed", lambda _: True)
     right, wrong = (text and text.format(**places) for text in values_of(argument))
     if argument.name == "params_file":
         Path(right).write_text("/**/supervisor: {ros__parameters: {state_timeout: 1.0}}\n")
