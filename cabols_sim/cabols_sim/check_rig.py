@@ -20,8 +20,10 @@ from cabols_control.rig_checks import (
 )
 from cabols_control.rig_folder import FILES, RigFolder, RigWarning, find_rig
 from cabols_hw.abb.configurations import load_configurations
+from cabols_hw.abb.speed_limit import check_speed
 from cabols_hw.card.config import load_card
 from cabols_hw.safety.config import load_safety
+from cabols_hw.safety.not_held import not_held
 from cabols_hw.tracker.config import load_tracker_config
 from cabols_sim.devices.robot.kinematics import load_arm
 from cabols_sim.devices.robot.robot_checks import check_robot
@@ -46,10 +48,6 @@ def check_rig(folder: RigFolder) -> list[str]:
     plant = load_plant(folder)
     plant.limbs.require_limbs(geometry.cables)
     plant.geometry(geometry)
-    configurations = load_configurations(folder)
-    for load in (load_tracker_config, load_tracker_truth):
-        load(folder)
-    robot = RobotTarget(load_robot_truth(folder), configurations, load_arm(folder))
     pose = (geometry.reference_position, geometry.reference_rotation)
     found: list[Findings] = [
         check_geometry(geometry.records(), *pose),
@@ -68,15 +66,40 @@ def check_rig(folder: RigFolder) -> list[str]:
             rig.control.rated,
             card.sensor_limits,
         ),
-        check_robot(robot.arm, configurations, geometry),
     ]
     for findings in found:
         findings.settle(folder.path)
+    held = _held_by_robot(folder) if safety.platform_held else _hangs(folder)
     cards = "1 card" if card.wiring.cards == 1 else f"{card.wiring.cards} cards on one clock"
     return [
         *(findings.read for findings in found),
+        *held,
         f"{card.wiring.limbs} limbs wired to {cards}",
     ]
+
+
+def _held_by_robot(folder: RigFolder) -> list[str]:
+    """Check robot and tracker of a rig; return what was read."""
+    rig, configurations = load_rig(folder), load_configurations(folder)
+    for load in (load_tracker_config, load_tracker_truth):
+        load(folder)
+    robot = RobotTarget(load_robot_truth(folder), configurations, load_arm(folder))
+    findings = check_robot(robot.arm, configurations, rig.geometry)
+    findings.settle(folder.path)
+    allowed = check_speed(rig, load_safety(folder), load_card(folder), configurations)
+    return [
+        findings.read,
+        f"the robot moves the platform at {1e3 * configurations.speed:.0f} mm/s, "
+        f"{1e3 * allowed:.0f} are allowed",
+    ]
+
+
+def _hangs(folder: RigFolder) -> list[str]:
+    """Say of a platform that nothing but its cables holds whether it may move."""
+    missing = not_held(load_rig(folder), load_safety(folder), load_card(folder))
+    if missing is not None:
+        return [f"it must not move: {missing.reason}"]
+    return ["nothing but the cables holds the platform, and it may move (docs/safety.md)"]
 
 
 @command

@@ -6,6 +6,7 @@ from __future__ import annotations
 import configparser
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -17,12 +18,14 @@ import pytest
 import yaml
 
 from cabols_control.bags.reader import read_bag
+from cabols_control.errors import ConfigError
 from cabols_control.rig import load_rig
-from cabols_control.rig_folder import FILES, RigWarning
+from cabols_control.rig_folder import FILES, RigWarning, find_rig
 from cabols_control.rig_tools.new_rig import make_rig
 from cabols_hw.card.config import load_card
 from cabols_hw.card.quanser import CardError, open_q8
 from cabols_sim.bench.run import run_bench
+from cabols_sim.check_rig import check_rig
 from cabols_sim.plant.closed_loop import simulate
 from cabols_sim.plant.config import load_plant
 from cabols_stiffness.campaign.plan import load_plan
@@ -98,6 +101,7 @@ def test_the_page_makes_a_rig(followed, section, cables):
     assert rig.geometry.cables == cables == len(rig.limbs.gain) == load_plan(rig=folder).limbs
     assert f"{cables} cables of " in said
     assert ("2 cards on one clock" in said) == (cables > 8)
+    assert " are allowed" in said
     assert {path.name for path in folder.iterdir()} == {file.name for file in FILES}
 
 
@@ -110,6 +114,25 @@ def test_the_compiled_loop_reaches_a_wrench(followed, section, cables):
     assert trace.tension.shape == (1500, cables)
     np.testing.assert_allclose(trace.wrench[-100:].mean(axis=0), desired[-1], atol=0.1)
     assert trace.tension[-100:].min() > 1.0
+
+
+def test_a_robot_that_is_too_fast_for_the_held_cables_is_told_before_a_start(followed, tmp_path):
+    _, folder = followed("Ten cables")
+    fast = shutil.copytree(folder, tmp_path / "fast")
+    edit("# robot.yaml\nspeed: 0.06", fast)
+    with pytest.raises(ConfigError, match=r"speed of the robot: expected at most 54 mm/s.* got 60"):
+        check_rig(find_rig(fast))
+
+
+def test_a_rig_without_a_robot_is_checked_too():
+    assert any("it may move" in line for line in check_rig(find_rig("hanging")))
+
+
+def test_a_hanging_rig_that_must_not_move_is_told_why(tmp_path):
+    copy = shutil.copytree(find_rig("hanging").path, tmp_path / "hangs")
+    edit("# card.yaml\nswitch_active_low: true", copy)
+    (said,) = (line for line in check_rig(find_rig(copy)) if "must not move" in line)
+    assert "switch_active_low: true" in said
 
 
 def test_a_real_second_card_is_refused_with_the_reason(followed):

@@ -20,6 +20,8 @@ CHANNELS = 8
 """Analog outputs and encoder inputs of one Q8."""
 ENABLE_LINE = 8
 EIGHT = 8
+BENCH_SPEED_M_S = 0.06
+"""That robot.yaml has where it says none."""
 POINTS = {
     7: (
         [
@@ -163,7 +165,19 @@ def _campaign(text: str, cables: int) -> str:
     return (note + "\n".join(lines) + "\n").replace("limbs 1 to 8", f"limbs 1 to {cables}")
 
 
+def _robot(text: str, cables: int) -> str:
+    """Lower the speed where more held cables than the bench's would stretch."""
+    if cables <= EIGHT:
+        return text
+    speed = BENCH_SPEED_M_S * EIGHT / cables
+    return (
+        f"{text.rstrip()}\nspeed: {speed:.3f}   # m/s, of the platform, in cabols.mod, too: it is "
+        f"stiffer held by {cables} cables\n               # than by eight (docs/safety.md)\n"
+    )
+
+
 _CHANGES = {
+    "robot.yaml": _robot,
     "geometry.yaml": _geometry,
     "limbs.yaml": _limbs,
     "card.yaml": _card,

@@ -12,9 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import finite_array, in_range
+from cabols_control.errors import ConfigError
 from cabols_control.kinematics import structure_matrix
 from cabols_control.rig import Rig
+from cabols_hw.abb.configurations import RobotConfigurations
 from cabols_hw.abb.heartbeat import PERIOD_S, SILENCE_S
+from cabols_hw.card.config import CardConfig
+from cabols_hw.safety.config import SafetyConfig
 
 FREE_N = 15.0
 """Largest tension of a cable that follows a moving robot [N]."""
@@ -57,3 +61,28 @@ def allowed_speed(
     force = float(np.minimum(envelope[:3], sensor[:3]).min()) - held
     way = min(float(((tension_max - pulls) / springs).min()), force / platform)
     return float(max(way, 0.0) / (SILENCE_S + PERIOD_S + 0.5 * brake_s))
+
+
+def check_speed(
+    rig: Rig, safety: SafetyConfig, card: CardConfig, configurations: RobotConfigurations
+) -> float:
+    """Return the highest speed of the platform's origin that a rig's files allow [m/s].
+
+    Args:
+        rig: its cables, at the reference pose.
+        safety: limits of the envelope.
+        card: range of the sensor.
+        configurations: speed and braking of the robot.
+
+    Raises:
+        ConfigError: if the robot's speed is beyond it.
+    """
+    limits = safety.tension_max, safety.wrench_max, card.sensor_limits
+    allowed = allowed_speed(rig, *limits, configurations.brake)
+    if not configurations.speed <= allowed:
+        raise ConfigError(
+            f"speed of the robot: expected at most {1e3 * allowed:.0f} mm/s, at which it stands "
+            "before the held cables pull too hard once the rig has died, got "
+            f"{1e3 * configurations.speed:.0f} mm/s; lower it in robot.yaml and in cabols.mod"
+        )
+    return allowed

@@ -10,7 +10,6 @@ from cabols_msgs.msg import LoopStatus
 
 from cabols_control.cdr import LayoutError
 from cabols_control.checks import FloatArray
-from cabols_control.errors import ConfigError
 from cabols_control.ros.live import live_name
 from cabols_control.ros.messages import topics
 from cabols_control.ros.messages.qos import topic_qos
@@ -20,7 +19,7 @@ from cabols_control.supervision.held_load import taut_limbs
 from cabols_control.supervision.modes import OperatingMode
 from cabols_hw.abb.configurations import RobotConfigurations
 from cabols_hw.abb.heartbeat import Heartbeat, Motion, RigHealth
-from cabols_hw.abb.speed_limit import allowed_speed
+from cabols_hw.abb.speed_limit import check_speed
 from cabols_hw.bringup_nodes import NODES as HW_NODES
 from cabols_hw.card.config import load_card
 from cabols_hw.safety.config import load_safety
@@ -56,7 +55,8 @@ class RobotWatch:
         self._node = node
         self._motion = Motion()
         self.joints: Callable[[], FloatArray | None] = lambda: None
-        _check_speed(node, configurations)
+        folder = node.rig_folder
+        check_speed(node.rig, load_safety(folder), load_card(folder), configurations)
         port = declare_row(node, HW_NODES.argument("heartbeat_port"))
         self._health = RigHealth(1.0 / speed)
         self._heart = Heartbeat(address, port, self._trouble) if port and watched else None
@@ -125,20 +125,3 @@ class RobotWatch:
         if message.node != self._node.get_name():
             in_fault = message.state == LoopStatus.FAULT
             self._health.hear_report(time.monotonic(), message.node, in_fault)
-
-
-def _check_speed(node: ControlNode, configurations: RobotConfigurations) -> None:
-    safety, card = load_safety(node.rig_folder), load_card(node.rig_folder)
-    allowed = allowed_speed(
-        node.rig,
-        safety.tension_max,
-        safety.wrench_max,
-        card.sensor_limits,
-        configurations.brake,
-    )
-    if not configurations.speed <= allowed:
-        raise ConfigError(
-            f"speed of the robot: expected at most {1e3 * allowed:.0f} mm/s, at which it stands "
-            "before the held cables pull too hard once the rig has died, got "
-            f"{1e3 * configurations.speed:.0f} mm/s; lower it here and in cabols.mod"
-        )
