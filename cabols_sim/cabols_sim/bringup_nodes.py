@@ -14,7 +14,8 @@ from cabols_control.topics import Quality, topic_row
 PLANT = NodeSpec(
     "cabols_sim",
     "plant",
-    ("motor_current", "tension_command", "path_motion", "mode"),
+    # Its own pose, too, where there is no robot: as a bridge it listens to whoever tells one.
+    ("motor_current", "tension_command", "platform_pose", "path_motion", "mode"),
     ("limb_state", "wrench", "platform_pose", "loop_status"),
     role=Role.SIMULATION,
     takes=(

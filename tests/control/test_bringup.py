@@ -13,7 +13,8 @@ from cabols_control import bringup, bringup_nodes
 from cabols_control.bringup.graph import all_arguments, all_nodes, nodes_of, rig_graph
 from cabols_control.bringup.specs import Argument, NodeSpec, Role, give
 from cabols_control.topics import TOPICS
-from cabols_sim.bringup_nodes import bench_graph
+from cabols_hw.bringup_nodes import BRIDGE
+from cabols_sim.bringup_nodes import PLANT, bench_graph
 
 OF_THE_GRAPH = {
     *("record", "console", "campaign", "robot", "lockstep", "frames", "pose_estimator"),
@@ -83,3 +84,8 @@ def test_a_node_gets_what_it_takes_and_no_more():
     assert given.parameters == {"fifo_priority": 48, "k": 2.0}
     (same,) = give([node], arguments, {"fifo_priority": 0, "gain": 1.0})
     assert same.parameters == {}
+
+
+def test_the_plant_reads_what_a_bridge_reads():
+    """It is one. A reader that a lockstep graph does not count lets its clock start too early."""
+    assert set(BRIDGE.reads) <= set(PLANT.reads)
