@@ -16,7 +16,7 @@ from numba import njit
 
 from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
 from cabols_control.checks import FloatArray, finite_array, in_range
-from cabols_control.forward_kinematics.iteration import turned
+from cabols_control.forward_kinematics.iteration import solve_factored, turned
 from cabols_control.geometry import RigGeometry
 from cabols_control.limb_springs import LimbSprings
 from cabols_control.rotations import angle_between
@@ -129,19 +129,11 @@ def _solved(matrix: FloatArray, damping: float, force: FloatArray, step: FloatAr
                 # Written so that NaN is refused.
                 if not value > 1e-9:
                     return False
-                factor[j, j] = np.sqrt(value)
+                factor[j, j] = 1.0 / np.sqrt(value)
             else:
-                factor[j, k] = value / factor[k, k]
-    for j in range(6):
-        value = force[j]
-        for k in range(j):
-            value -= factor[j, k] * step[k]
-        step[j] = value / factor[j, j]
-    for j in range(5, -1, -1):
-        value = step[j]
-        for k in range(j + 1, 6):
-            value -= factor[k, j] * step[k]
-        step[j] = value / factor[j, j]
+                factor[j, k] = value * factor[k, k]
+    step[:] = force
+    solve_factored(6, factor, step)
     return True
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -90,6 +91,12 @@ def snags(rig: LockstepRig, random: np.random.Generator) -> None:
     rig.plant._rest[random.integers(rig.plant.tension.size)] -= random.uniform(0.002, 0.012)
 
 
+def _back_later(rig: LockstepRig, runs: str, random: np.random.Generator) -> None:
+    """Let a controller stand still until a drawn time; runs: the flag of the rig that says so."""
+    setattr(rig, runs, False)
+    rig.later = rig.now_s + random.uniform(*BACK_S), partial(setattr, rig, runs, True)
+
+
 def limbs_back(rig: LockstepRig, random: np.random.Generator) -> None:
     """End the limb controller; another one starts.
 
@@ -97,13 +104,8 @@ def limbs_back(rig: LockstepRig, random: np.random.Generator) -> None:
         rig: that is struck.
         random: of the trial.
     """
-    rig.limb_controller_runs = False
     rig.limbs = LimbController(rig.rig)
-
-    def start() -> None:
-        rig.limb_controller_runs = True
-
-    rig.later = rig.now_s + random.uniform(*BACK_S), start
+    _back_later(rig, "limb_controller_runs", random)
 
 
 def wrench_back(rig: LockstepRig, random: np.random.Generator) -> None:
@@ -113,13 +115,8 @@ def wrench_back(rig: LockstepRig, random: np.random.Generator) -> None:
         rig: that is struck.
         random: of the trial.
     """
-    rig.wrench_controller_runs = False
     rig.wrenches = WrenchController(rig.rig)
-
-    def start() -> None:
-        rig.wrench_controller_runs = True
-
-    rig.later = rig.now_s + random.uniform(*BACK_S), start
+    _back_later(rig, "wrench_controller_runs", random)
 
 
 def bridge_back(mode: OperatingMode | None, bias_kept: bool) -> Strike:

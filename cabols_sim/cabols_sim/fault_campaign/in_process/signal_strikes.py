@@ -79,6 +79,20 @@ def digital_frozen(rig: LockstepRig, random: np.random.Generator) -> Change:
     return change
 
 
+def _delayed(samples: int) -> Change:
+    """Give the senses of so many samples ago; before there are any, the first ones."""
+    waiting = deque[Senses]()
+
+    def change(counts: IntArray, volts: FloatArray, lines: BoolArray) -> Senses:
+        waiting.append((counts.copy(), volts.copy(), lines.copy()))
+        if len(waiting) > samples:
+            return waiting.popleft()
+        counts, volts, lines = waiting[0]
+        return counts.copy(), volts.copy(), lines.copy()
+
+    return change
+
+
 def inputs_late(rig: LockstepRig, random: np.random.Generator) -> Change:
     """Read all inputs some samples late.
 
@@ -87,16 +101,7 @@ def inputs_late(rig: LockstepRig, random: np.random.Generator) -> Change:
         random: of the trial.
     """
     del rig
-    behind, waiting = int(random.integers(5, 60)), deque[Senses]()
-
-    def change(counts: IntArray, volts: FloatArray, lines: BoolArray) -> Senses:
-        waiting.append((counts.copy(), volts.copy(), lines.copy()))
-        if len(waiting) > behind:
-            return waiting.popleft()
-        counts, volts, lines = waiting[0]
-        return counts.copy(), volts.copy(), lines.copy()
-
-    return change
+    return _delayed(int(random.integers(5, 60)))
 
 
 def encoder_bit(rig: LockstepRig, random: np.random.Generator) -> Change:
@@ -155,12 +160,10 @@ def gauges_late(rig: LockstepRig, random: np.random.Generator) -> Change:
         random: of the trial.
     """
     del rig
-    behind, waiting = int(random.integers(25, 150)), deque[FloatArray]()
+    delayed = _delayed(int(random.integers(25, 150)))
 
     def change(counts: IntArray, volts: FloatArray, lines: BoolArray) -> Senses:
-        waiting.append(volts.copy())
-        late = waiting.popleft() if len(waiting) > behind else waiting[0].copy()
-        return counts, late, lines
+        return counts, delayed(counts, volts, lines)[1], lines
 
     return change
 
