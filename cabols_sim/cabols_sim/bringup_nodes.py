@@ -206,9 +206,6 @@ def _devices(ports: Ports, lockstep: bool) -> list[NodeSpec]:
         )
         for node in nodes_of(Role.ROBOT)
     ]
-    plant = replace(
-        PLANT,
-        reads=(*PLANT.reads, "platform_pose"),
-        writes=tuple(topic for topic in PLANT.writes if topic != "platform_pose"),
-    )
+    no_pose = tuple(topic for topic in PLANT.writes if topic != "platform_pose")
+    plant = replace(PLANT, writes=no_pose)
     return [servers, *bridges, plant.with_parameters(robot=True, link_port=ports.link)]

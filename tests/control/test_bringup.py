@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -89,3 +90,10 @@ def test_a_node_gets_what_it_takes_and_no_more():
 def test_the_plant_reads_what_a_bridge_reads():
     """It is one. A reader that a lockstep graph does not count lets its clock start too early."""
     assert set(BRIDGE.reads) <= set(PLANT.reads)
+
+
+def test_no_node_reads_or_writes_a_topic_twice():
+    """A reader that is counted twice is waited for, and the clock of a lockstep graph stands."""
+    assert bench_graph(robot=True, lockstep=True)
+    with pytest.raises(ValueError, match="plant: a topic twice in mode, mode"):
+        replace(PLANT, reads=("mode", "mode"))

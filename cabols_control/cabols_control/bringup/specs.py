@@ -55,6 +55,9 @@ class NodeSpec:
         restarts: whether it is started again when it ends; the graph goes on without it.
         namespace: that it joins; empty: its own default.
         log_level: of its logger; empty: its own default.
+
+    Raises:
+        ValueError: if a topic is named twice, so that a lockstep clock waits for a reader too many.
     """
 
     package: str
@@ -69,6 +72,11 @@ class NodeSpec:
     restarts: bool = False
     namespace: str = ""
     log_level: str = ""
+
+    def __post_init__(self) -> None:
+        for topics in (self.reads, self.writes):
+            if len(set(topics)) < len(topics):
+                raise ValueError(f"{self.executable}: a topic twice in {', '.join(topics)}")
 
     @property
     def joins(self) -> bool:
