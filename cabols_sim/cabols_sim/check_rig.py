@@ -10,7 +10,7 @@ import numpy as np
 from cabols_control.command_line import DONE, CommandParser, command, rig_option
 from cabols_control.frames import load_frames
 from cabols_control.kinematics import cable_lengths
-from cabols_control.rig import load_rig
+from cabols_control.rig import Rig, load_rig
 from cabols_control.rig_checks import (
     Findings,
     check_geometry,
@@ -31,6 +31,10 @@ from cabols_sim.devices.robot.robot_config import load_robot_truth
 from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_sim.devices.tracker.config import load_tracker_truth
 from cabols_sim.plant.config import load_plant
+
+LENGTHS_ALIKE = 0.1
+"""Share by which cables may differ in length before one k_e for all is worth a word: cables that
+stretch a fifth of what their springs do then differ by 2 % in k_e."""
 
 
 def check_rig(folder: RigFolder) -> list[str]:
@@ -73,8 +77,21 @@ def check_rig(folder: RigFolder) -> list[str]:
     cards = "1 card" if card.wiring.cards == 1 else f"{card.wiring.cards} cards on one clock"
     return [
         *(findings.read for findings in found),
+        *_one_stiffness(rig),
         *held,
         f"{card.wiring.limbs} limbs wired to {cards}",
+    ]
+
+
+def _one_stiffness(rig: Rig) -> list[str]:
+    """Say if one k_e stands for cables of quite different lengths."""
+    geometry = rig.geometry
+    lengths = cable_lengths(geometry, geometry.reference_position, geometry.reference_rotation)
+    if isinstance(rig.limbs.stiffness, list) or np.ptp(lengths) <= LENGTHS_ALIKE * lengths.mean():
+        return []
+    return [
+        f"one k_e for cables of {lengths.min():.3g} to {lengths.max():.3g} m: a longer one is "
+        "softer, so that steps overshoot; give each limb its own (docs/your_rig.md, Springs)"
     ]
 
 

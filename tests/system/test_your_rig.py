@@ -19,9 +19,12 @@ import yaml
 
 from cabols_control.bags.reader import read_bag
 from cabols_control.errors import ConfigError
+from cabols_control.load_programs.motor_demand import fastest_preview
+from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
 from cabols_control.rig_folder import FILES, RigWarning, find_rig
 from cabols_control.rig_tools.new_rig import make_rig
+from cabols_control.run_report.judgement.step_response import analyse_steps
 from cabols_hw.card.config import load_card
 from cabols_hw.card.quanser import CardError, open_q8
 from cabols_sim.bench.run import run_bench
@@ -114,6 +117,38 @@ def test_the_compiled_loop_reaches_a_wrench(followed, section, cables):
     assert trace.tension.shape == (1500, cables)
     np.testing.assert_allclose(trace.wrench[-100:].mean(axis=0), desired[-1], atol=0.1)
     assert trace.tension[-100:].min() > 1.0
+
+
+def largest_overshoot(rig, folder):
+    """Of the steps of the demo's programme in the compiled loop, as the report judges them."""
+    program, start = load_program("multi_axis"), 1500
+    place = (rig.geometry.reference_position, rig.geometry.reference_rotation)
+    shaped = fastest_preview(program, rig, *place)
+    reference = shaped.reference.sample(np.arange(0.0, shaped.duration, 1e-3))
+    desired = np.vstack([np.zeros((start, 6)), reference])
+    trace = simulate(rig, load_card(folder), load_plant(folder), desired)
+    time, felt = trace.time[start:] - trace.time[start], trace.measured[start:]
+    felt = felt - trace.measured[start - 500 : start].mean(axis=0)
+    # A response begins as soon as its step is known: a lead before it.
+    found = analyse_steps(time, program.sample(time), felt, rig.control.rated)
+    assert len(found.steps) >= 20
+    return 100.0 * max(step.overshoot for step in found.steps)
+
+
+@pytest.mark.parametrize(("section", "cables"), [("Seven cables", 7), ("Ten cables", 10)])
+def test_steps_of_the_demo_overshoot_little(followed, section, cables):
+    _, folder = followed(section)
+    rig = load_rig(folder)
+    assert largest_overshoot(rig, folder) < 5.0
+
+
+def test_one_stiffness_for_cables_of_different_lengths_overshoots_and_is_told(followed, tmp_path):
+    _, folder = followed("Seven cables")
+    same = shutil.copytree(folder, tmp_path / "same")
+    edit("# limbs.yaml\nstiffness: 2200.0\naxial_stiffness: null", same)
+    assert 8.0 < largest_overshoot(load_rig(same), same) < 12.0
+    assert any("one k_e for cables of 1.0" in line for line in check_rig(find_rig(same)))
+    assert not any("one k_e" in line for line in check_rig(find_rig(folder)))
 
 
 def test_a_robot_that_is_too_fast_for_the_held_cables_is_told_before_a_start(followed, tmp_path):

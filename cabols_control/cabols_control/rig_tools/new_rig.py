@@ -13,6 +13,8 @@ from pathlib import Path
 
 from cabols_control.command_line import DONE, CommandParser, command, existing_path
 from cabols_control.errors import UsageError
+from cabols_control.geometry import load_geometry
+from cabols_control.kinematics import cable_lengths
 from cabols_control.rig_folder import BENCH, FILES, find_rig
 from cabols_control.rig_tools.new_rig_robot import robot_files
 
@@ -22,6 +24,8 @@ ENABLE_LINE = 8
 EIGHT = 8
 BENCH_SPEED_M_S = 0.06
 """That robot.yaml has where it says none."""
+BENCH_STIFFNESS_N_M, AXIAL_N = 2200.0, 15300.0
+"""k_e of the bench's limbs, with cables of its length, and EA of such cables."""
 POINTS = {
     7: (
         [
@@ -94,7 +98,33 @@ def make_rig(
         target = folder / file.name
         target.write_text(text, encoding="utf-8")
         written.append(target)
+    if cables != EIGHT:
+        _springs(folder)
     return written
+
+
+def _springs(folder: Path) -> None:
+    """Write each limb's k_e: the bench's springs, and cables whose lengths differ.
+
+    With one k_e for cables of 1.03 to 1.43 m, of which the longest is 6 % softer, the smallest
+    torque steps overshoot by 9 %.
+    """
+    file = folder / "limbs.yaml"
+    bench, new = load_geometry(), load_geometry(folder / "geometry.yaml")
+    usual, lengths = (
+        cable_lengths(each, each.reference_position, each.reference_rotation)
+        for each in (bench, new)
+    )
+    compliance = 1.0 / BENCH_STIFFNESS_N_M + (lengths - usual.mean()) / AXIAL_N
+    values = ", ".join(f"{value:.0f}.0" for value in 1.0 / compliance)
+    text = re.sub(
+        r"(?m)^stiffness: .*$",
+        "# k_e of spring and cable at the reference pose [N/m], and EA of the cables [N]: the\n"
+        "# springs are the bench's, and a longer cable is softer.\n"
+        f"stiffness: [{values}]\naxial_stiffness: {AXIAL_N}",
+        file.read_text(encoding="utf-8"),
+    )
+    file.write_text(text, encoding="utf-8")
 
 
 def _fail_safe(text: str) -> str:
