@@ -56,6 +56,7 @@ RULES: tuple[tuple[str, str, str], ...] = (
     (r"ros2 run cabols_control calibrate_rig$", LEAVE, "needs a plan or readings"),
     (r"ros2 run cabols_control first_power_on$", LEAVE, "needs a rig that runs"),
     (r"(ros2 run cabols_control new_rig|ros2 run cabols_sim check_rig) my_rig$", RUN, ""),
+    (r"ros2 run (cabols_control new_rig|cabols_sim check_rig) my_crane( --hanging)?$", RUN, ""),
     (r'make demo ARGS="--rig my_rig"$', RUN, ""),
     (r"make (new-rig|check-rig)$", LEAVE, "needs a name"),
     (r"make new-rig ARGS=my_rig$", LEAVE, "the same as new_rig, whose folder is there by now"),

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from cabols_control.bags.reader import read_bag
-from cabols_control.errors import ConfigError
+from cabols_control.errors import ConfigError, UsageError
 from cabols_control.load_programs.motor_demand import fastest_preview
 from cabols_control.load_programs.programs import load_program
 from cabols_control.rig import load_rig
@@ -220,6 +220,19 @@ def test_new_rig_never_overwrites(tmp_path):
     assert done.returncode == 2
     assert "expected nothing there" in done.stderr
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+
+
+def test_a_new_rig_may_hang_on_its_cables(tmp_path):
+    make_rig(tmp_path / "crane", hanging=True)
+    said = check_rig(find_rig(tmp_path / "crane"))
+    assert "nothing but the cables holds the platform, and it may move (docs/safety.md)" in said
+    edit("# crane/limbs.yaml\ngear: {friction_current: 0.001, load_current: 0.002}", tmp_path)
+    assert any(
+        line.startswith("it must not move") for line in check_rig(find_rig(tmp_path / "crane"))
+    )
+    with pytest.raises(UsageError, match="eight of them and no robot"):
+        make_rig(tmp_path / "seven", cables=7, hanging=True)
+    assert not (tmp_path / "seven").exists()
 
 
 def test_copies_for_eight_cables_are_the_bench(tmp_path):

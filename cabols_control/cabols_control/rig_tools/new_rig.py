@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make the folder of a new rig: a copy of the reference bench's, for 7, 8 or 10 cables.
 
-With `--robot` another arm of six joints holds the platform where the bench's robot does.
+With `--robot` another arm of six joints holds the platform where the bench's robot does; with
+`--hanging` nothing but eight cables does (docs/safety.md).
 
 Never writes into an existing folder. Edit the files, then check them with `check_rig`.
 """
@@ -22,6 +23,7 @@ CHANNELS = 8
 """Analog outputs and encoder inputs of one Q8."""
 ENABLE_LINE = 8
 EIGHT = 8
+HANGING = "hanging"
 BENCH_SPEED_M_S = 0.06
 """That robot.yaml has where it says none."""
 BENCH_STIFFNESS_N_M, AXIAL_N = 2200.0, 15300.0
@@ -56,7 +58,11 @@ POINTS = {
 
 
 def make_rig(
-    folder: Path, cables: int = EIGHT, robot: Path | None = None, tip: str = ""
+    folder: Path,
+    cables: int = EIGHT,
+    robot: Path | None = None,
+    tip: str = "",
+    hanging: bool = False,
 ) -> list[Path]:
     """Copy the bench's files, changed for a number of cables and another robot.
 
@@ -65,12 +71,14 @@ def make_rig(
         cables: 7, 8 or 10.
         robot: URDF of an arm of six joints in place of the bench's.
         tip: link at that arm's end; empty: the only one, or the flange by its name.
+        hanging: copy the rig whose platform hangs on its cables in the bench's place.
 
     Returns:
         The files.
 
     Raises:
-        UsageError: if the folder exists, or there is no example with this number of cables.
+        UsageError: if the folder exists, or there is no example with this number of cables, or a
+            hanging platform would have a robot.
         ConfigError: if the robot's URDF cannot be used, or the arm does not reach a pose.
     """
     if cables != EIGHT and cables not in POINTS:
@@ -78,7 +86,12 @@ def make_rig(
             f"--cables: expected 7, 8 or 10, of which there are examples, got {cables}; make one "
             "of 8 and write your points into geometry.yaml (docs/your_rig.md)"
         )
-    bench = find_rig()
+    if hanging and (cables != EIGHT or robot is not None):
+        raise UsageError(
+            "--hanging: the example of a platform that hangs on its cables has eight of them and "
+            "no robot; leave --cables and --robot out"
+        )
+    bench = find_rig(HANGING if hanging else "")
     changed = {} if robot is None else robot_files(bench, robot, tip)
     try:
         folder.mkdir(parents=True)
@@ -91,7 +104,7 @@ def make_rig(
         if not bench.has(file.name):
             continue
         text = changed.get(file.name) or bench.file(file.name).read_text(encoding="utf-8")
-        if file.name == "card.yaml":
+        if file.name == "card.yaml" and not hanging:
             text = _fail_safe(text)
         if cables != EIGHT:
             text = _CHANGES.get(file.name, lambda same, _: same)(text, cables)
@@ -228,16 +241,25 @@ def main() -> int:
         help="another arm, with the bench's base",
     )
     parser.add_argument("--tip", default="", help="link at that arm's end (default: its flange)")
+    parser.add_argument(
+        "--hanging", action="store_true", help="nothing but eight cables holds the platform"
+    )
     options = parser.parse_args()
-    if options.folder.name == BENCH:
-        raise UsageError(f"{options.folder}: expected a name that is not {BENCH}'s, which is taken")
-    written = make_rig(options.folder, options.cables, options.robot, options.tip)
-    for path in written:
+    for taken in (BENCH, HANGING):
+        if options.folder.name == taken:
+            raise UsageError(f"{options.folder}: expected a name that is not {taken}, as ours is")
+    words = (options.cables, options.robot, options.tip, options.hanging)
+    for path in make_rig(options.folder, *words):
         print(f"  {path}")
+    what = "that hangs on its cables" if options.hanging else f"of {options.cables} cables"
+    run = (
+        f"ros2 launch cabols_sim bench.launch.py rig:={options.folder.resolve()}"
+        if options.hanging
+        else f'make demo ARGS="--rig {options.folder}"'
+    )
     print(
-        f"a rig of {options.cables} cables with the bench's numbers: write yours, then "
-        f"`ros2 run cabols_sim check_rig {options.folder}` and "
-        f'`make demo ARGS="--rig {options.folder}"`'
+        f"a rig {what} with our example's numbers: write yours, then "
+        f"`ros2 run cabols_sim check_rig {options.folder}` and `{run}`"
     )
     return DONE
 
