@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from pydantic.dataclasses import dataclass as config_dataclass
+from scipy import constants
 
 from cabols_control.checks import FloatArray, finite_array, in_range, one_or_each
 from cabols_control.configuration import STRICT, load_config, read_yaml
@@ -241,6 +242,15 @@ class HangingLoad:
     centre: FloatArray
     proof_pull: float
 
+    def weight(self, rotation: FloatArray) -> FloatArray:
+        """(6,) about the platform's origin, base axes [N, N m].
+
+        Args:
+            rotation: (3, 3) from platform to base axes.
+        """
+        pull = np.array([0.0, 0.0, -constants.g * self.mass])
+        return np.concatenate([pull, np.cross(rotation @ self.centre, pull)])
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -281,10 +291,20 @@ class Rig:
     def plannable(self) -> EnvelopeLimits:
         """What a load may ask for, so that neither overshoot nor noise meets the envelope."""
         tension, wrench = self.control.tension_max, self.control.rated
+        if self.hanging is not None:
+            tension = min(tension, self.hanging.proof_pull)
         if self.envelope is not None:
             tension = min(tension, PLANNED_SHARE * self.envelope.tension_max)
             wrench = np.minimum(wrench, PLANNED_SHARE * self.envelope.wrench_max)
         return EnvelopeLimits(tension, wrench)
+
+    def borne(self, rotation: FloatArray) -> FloatArray:
+        """(6,) that cables exert beyond what is asked of them, base axes [N, N m]: the weight.
+
+        Args:
+            rotation: (3, 3) from platform to base axes.
+        """
+        return np.zeros(6) if self.hanging is None else -self.hanging.weight(rotation)
 
     @cached_property
     def gains(self) -> WrenchGains:

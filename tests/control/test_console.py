@@ -56,7 +56,7 @@ from cabols_control.load_programs.programs import BUILT_IN, load_program
 from cabols_control.ros.messages import topics
 from cabols_control.supervision.faults import FaultName
 from cabols_control.supervision.held_load import held_text
-from cabols_control.supervision.modes import MOVING, NEXT, ModeMachine, OperatingMode
+from cabols_control.supervision.modes import MOVING, NEXT, NEXT_HANGING, ModeMachine, OperatingMode
 from cabols_control.supervision.operator_watchdog import OperatorWatchdog
 from cabols_control.supervision.supervision_config import SupervisionConfig
 from cabols_control.supervision.supervisor import Supervision
@@ -468,6 +468,8 @@ def test_mode_view_offers_what_the_machine_allows(mode):
     assert set(shown["next"]) <= {int(m) for m in NEXT[mode]}
     assert shown["name"] == mode.name
     assert mode_view(None, "")["next"] == []
+    hanging = set(mode_view(int(mode), "why", hangs=True)["next"])
+    assert hanging == {int(m) for m in NEXT_HANGING[mode]}, "nothing that would let it go"
 
 
 @pytest.mark.parametrize("mode", [OperatingMode.STOPPED, OperatingMode.FAULT])

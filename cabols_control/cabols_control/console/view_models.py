@@ -10,7 +10,7 @@ from typing import Any
 
 from cabols_control.naming import number, place_name, reflector_name
 from cabols_control.supervision.faults import SENSOR_FAULTS, FaultName
-from cabols_control.supervision.modes import MOVING, NEXT, OperatingMode
+from cabols_control.supervision.modes import MOVING, NEXT, NEXT_HANGING, OperatingMode
 from cabols_control.supervision.supervision_config import SupervisionConfig
 
 SILENT_S = 3.5
@@ -109,13 +109,14 @@ def first_report(
     return LoopReport(node, state, reason, 0, 0, 0, 0, none, none, now_s, now_s, math.nan, fault)
 
 
-def mode_view(mode: int | None, reason: str, held: str = "") -> dict[str, Any]:
+def mode_view(mode: int | None, reason: str, held: str = "", hangs: bool = False) -> dict[str, Any]:
     """Return the mode in words, and the modes that an operator may request.
 
     Args:
         mode: its number; None: nobody tells it.
         reason: why it was entered.
         held: what load the gears hold; said first where nothing moves.
+        hangs: whether the platform hangs on its cables, which some modes would let go.
     """
     if mode is None:
         return {
@@ -127,7 +128,7 @@ def mode_view(mode: int | None, reason: str, held: str = "") -> dict[str, Any]:
             "next": [],
         }
     present = OperatingMode(mode)
-    following = [m for m in OPERATOR_MODES if m in NEXT[present]]
+    following = [m for m in OPERATOR_MODES if m in (NEXT_HANGING if hangs else NEXT)[present]]
     held = "" if present in MOVING else held
     return {
         "number": int(present),

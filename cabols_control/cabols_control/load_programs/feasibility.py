@@ -115,8 +115,9 @@ def check_program(
     matrix = structure_matrix(rig.geometry, position, rotation)
     limits = rig.plannable
     resolver = TensionResolver(matrix, rig.control.tension_min, limits.tension_max)
-    tension, status = resolver.solve_batch(program.wrench)
-    residual = tension @ matrix.T - program.wrench
+    wanted = program.wrench + rig.borne(rotation)
+    tension, status = resolver.solve_batch(wanted)
+    residual = tension @ matrix.T - wanted
     # The sensor turns with the platform: its ranges are along the platform's axes.
     local = np.hstack([program.wrench[:, :3] @ rotation, program.wrench[:, 3:] @ rotation])
     return ProgramCheck(

@@ -38,7 +38,7 @@ def motor_current(
     """
     matrix = structure_matrix(rig.geometry, position, rotation)
     resolver = TensionResolver(matrix, rig.control.tension_min, rig.control.tension_max)
-    tension, _ = resolver.solve_batch(program.wrench)
+    tension, _ = resolver.solve_batch(program.wrench + rig.borne(rotation))
     # Beyond its ends a programme rests.
     smooth = uniform_filter1d(tension, WINDOW, axis=0, mode="nearest")
     speed = np.gradient(smooth, PERIOD_S, axis=0) / rig.springs.nominal

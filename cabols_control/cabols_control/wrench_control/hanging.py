@@ -14,7 +14,6 @@ import numpy as np
 
 from cabols_control.checks import FloatArray
 from cabols_control.errors import ConfigError
-from cabols_control.forward_kinematics.hanging import GRAVITY_M_S2
 from cabols_control.rig import HangingLoad, Rig
 from cabols_control.supervision.modes import OperatingMode
 from cabols_control.tension import distribute
@@ -95,8 +94,7 @@ class HangingWrenchController(WrenchController):
 
     def weight(self) -> FloatArray:
         """(6,) about the platform's origin, base axes [N, N m]."""
-        pull = np.array([0.0, 0.0, -GRAVITY_M_S2 * self._hanging.mass])
-        return np.concatenate([pull, np.cross(self.pose[1] @ self._hanging.centre, pull)])
+        return self._hanging.weight(self.pose[1])
 
     def step(
         self,

@@ -75,6 +75,7 @@ class Feed:
 
         self._state = live("limb_state", topics.limb_state_layout(geometry))
         self._wrench = live("wrench", topics.wrench_layout(geometry.platform_frame))
+        self._hangs = rig.hanging is not None
         self._frames = load_wrench_frames(geometry, rig_folder)
         self._program = FramedInput(
             node, live_name("program_wrench"), topics.program_wrench_layout, self._frames
@@ -288,7 +289,9 @@ class Feed:
             force = np.nan if wrench is None else float(np.linalg.norm(wrench["wrench"][:3]))
             flags = (state[name].astype(np.bool_) for name in ("zeroed", "switch_closed"))
             held = held_text(state["tension"], *flags, force)
-        self._latest.put_state(mode=mode_view(int(self._mode.mode), self._mode.reason, held))
+        self._latest.put_state(
+            mode=mode_view(int(self._mode.mode), self._mode.reason, held, self._hangs)
+        )
 
     def _tell_health(self) -> None:
         now_s = time.monotonic()
