@@ -22,6 +22,7 @@ from cabols_sim.plant.config import load_plant
 from file_seconds import pytest_sessionfinish  # noqa: F401
 from forked_start import pytest_runtest_protocol  # noqa: F401
 from longest_first import pytest_collection_modifyitems  # noqa: F401
+from lost_tests import pytest_runtest_makereport, pytest_runtest_setup  # noqa: F401
 from outcome_counts import (  # noqa: F401
     pytest_deselected,
     pytest_ignore_collect,

@@ -36,6 +36,10 @@ MARKS = "CABOLS_TEST_MARKS"
 COUNTS = "CABOLS_TEST_COUNTS"
 """Environment variable: file for the numbers of outcomes, see tests/harness/outcome_counts.py."""
 NOTHING_COLLECTED = 5
+LONGEST_S = 2700.0
+"""Longest that all parts may take without tests marked `long`: three times an idle machine's."""
+SUMMARY_S = 60.0
+"""Most that pytest may take to end and tell what it has found, once interrupted."""
 ORDER = ("failed", "passed", "skipped", "deselected", "xfailed", "xpassed", "warnings", "errors")
 
 
@@ -62,19 +66,36 @@ def selection(part: str, expression: str) -> str:
     return " and ".join(f"({each})" for each in parts if each)
 
 
-def run_part(words: Sequence[str], marks: str = "") -> tuple[int, Counter[str]]:
-    """Run pytest once; return its exit code and the numbers of outcomes."""
+def run_part(
+    words: Sequence[str], marks: str = "", limit_s: float | None = None
+) -> tuple[int, Counter[str]]:
+    """Run pytest once, for at most a time; return its exit code and the numbers of outcomes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "counts.json"
         # Matrices are small: on a busy machine threads for them make a fit 30 times slower.
         environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, COUNTS: str(file), MARKS: marks}
         command = [sys.executable, "-m", "pytest", *words]
-        code = subprocess.run(command, check=False, env=environment).returncode
+        with subprocess.Popen(command, env=environment) as process:
+            code = _end_in_time(process, limit_s)
         counts = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
         left_out = Path(f"{file}.deselected")
         if left_out.exists():
             counts["deselected"] = sum(map(int, left_out.read_text(encoding="utf-8").split()))
     return code, Counter(counts)
+
+
+def _end_in_time(process: subprocess.Popen[bytes], limit_s: float | None) -> int:
+    """Wait for pytest; interrupt it after a time, so that it tells what it has found."""
+    try:
+        return process.wait(limit_s)
+    except subprocess.TimeoutExpired:
+        print(f"\ninterrupted, as tests may take {LONGEST_S:g} s altogether", flush=True)
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(SUMMARY_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
 
 
 def closing_line(counts: Counter[str], seconds: float) -> str:
@@ -115,7 +136,9 @@ def main(words: Sequence[str]) -> int:
     expression, others = split_marks(words)
     began, codes, found = time.monotonic(), [], list[Counter[str]]()
     for part, how, marks in PARTS:
-        code, counts = run_part([*how, "-m", selection(part, expression), *others], marks)
+        left_s = None if "long" in expression else began + LONGEST_S - time.monotonic()
+        chosen = [*how, "-m", selection(part, expression), *others]
+        code, counts = run_part(chosen, marks, left_s if left_s is None else max(left_s, 0.0))
         codes.append(code)
         found.append(counts)
         if code not in (0, NOTHING_COLLECTED) and {"-x", "--exitfirst"} & set(others):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -11,6 +12,7 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 
 from cabols_control.errors import ConfigError
+from cabols_control.ros import node as control_node
 from cabols_control.ros.lifetime import slow_start
 from cabols_control.ros.lifetime.own_time import keep_own_time
 from dds_domains import next_domain
@@ -69,3 +71,21 @@ def test_only_a_slow_start_is_spoken_of(slow, capfd):
     heard += "".join(capfd.readouterr())
     assert ("compiles its inner loops first" in heard) is slow
     assert heard.count("still starting") == int(slow)
+
+
+def test_a_loop_that_waits_for_readers_says_for_which(monkeypatch):
+    monkeypatch.setattr(control_node, "READERS_QUIET_S", 0.02)
+    monkeypatch.setattr(control_node, "READERS_PATIENCE_S", 0.2)
+    said = []
+    waiting = SimpleNamespace(
+        _wanted_readers={"limb_state": "1", "platform_pose": "3"},
+        outputs={
+            "limb_state": SimpleNamespace(readers=1),
+            "platform_pose": SimpleNamespace(readers=2),
+        },
+        context=SimpleNamespace(ok=lambda: True),
+        get_logger=lambda: SimpleNamespace(info=said.append),
+    )
+    with pytest.raises(TimeoutError, match="platform_pose: expected 3 readers"):
+        control_node.ControlNode._wait_for_readers(waiting)
+    assert said == ["waits for readers of platform_pose: expected 3, found 2; gives up after 0.2 s"]

@@ -66,13 +66,8 @@ def test_tests_that_neither_half_ran_are_deselected():
 
 def test_both_halves_run_once_and_are_added_up(tmp_path):
     """On a small tree of its own, in which one test of the second half fails."""
-    root = Path(__file__).parents[2]
-    (tmp_path / "test_it.py").write_text(TESTS, encoding="utf-8")
-    hook = (root / "tests" / "harness" / "outcome_counts.py").read_text("utf-8")
-    (tmp_path / "conftest.py").write_text(hook, encoding="utf-8")
-    settings = "[pytest]\nmarkers =\n    ros\n    realtime\n    long\n"
-    (tmp_path / "pytest.ini").write_text(settings, encoding="utf-8")
-    command = [sys.executable, str(root / "tools" / "run_tests.py"), "-p", "no:cacheprovider"]
+    small_suite(tmp_path, ["outcome_counts"], TESTS)
+    command = [sys.executable, run_tests.__file__, "-p", "no:cacheprovider"]
     done = subprocess.run(
         [*command, "-p", "xdist.plugin", str(tmp_path)],
         # Each of nine processes would import all plugins of this environment.
@@ -84,3 +79,64 @@ def test_both_halves_run_once_and_are_added_up(tmp_path):
     )
     assert done.returncode == 1, done.stdout + done.stderr
     assert " 1 failed, 2 passed, 1 deselected, 1 xfailed in " in done.stdout.splitlines()[-1]
+
+
+HANGING = """
+import pytest
+from cabols_control.bringup.processes import run
+from cabols_control.bringup.specs import NodeSpec
+
+@pytest.mark.ros
+@pytest.mark.timeout(2)
+@pytest.mark.parametrize("number", range(4))
+def test_graph(number): run([NodeSpec("hanging", "node", (), ())])
+"""
+
+
+def small_suite(folder, hooks, tests):
+    """A tree of tests of its own, with some of this one's hooks."""
+    harness = Path(__file__).parents[1] / "harness"
+    for name in hooks:
+        (folder / f"{name}.py").write_bytes((harness / f"{name}.py").read_bytes())
+    imports = "\n".join(f"from {name} import *" for name in hooks)
+    (folder / "conftest.py").write_text(imports, encoding="utf-8")
+    (folder / "test_it.py").write_text(tests, encoding="utf-8")
+    settings = "[pytest]\nmarkers =\n    ros\n    realtime\n    long\n"
+    (folder / "pytest.ini").write_text(settings, encoding="utf-8")
+
+
+def test_graphs_that_hang_cost_two_time_outs_and_tell_what_their_nodes_said(tmp_path):
+    small_suite(tmp_path, ["outcome_counts", "lost_tests"], HANGING)
+    node = tmp_path / "lib" / "hanging" / "node"
+    node.parent.mkdir(parents=True)
+    node.write_text("#!/bin/sh\necho waits for readers\nexec sleep 600\n", encoding="utf-8")
+    node.chmod(0o755)
+    command = [sys.executable, run_tests.__file__, "-p", "xdist.plugin", "-p", "pytest_timeout"]
+    done = subprocess.run(
+        [*command, "-p", "no:cacheprovider", str(tmp_path)],
+        env={
+            **os.environ,
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+            "AMENT_PREFIX_PATH": str(tmp_path),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert done.returncode != 0
+    assert "lost to time-outs: test_it.py::test_graph[0], test_it.py::test_graph[1]" in done.stdout
+    assert "node: waits for readers" in done.stdout.partition("what the nodes printed last")[2]
+    assert " 2 failed, 2 deselected in " in done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("ignores", [False, True])
+def test_a_part_that_does_not_end_is_interrupted(ignores, monkeypatch):
+    monkeypatch.setattr(run_tests, "SUMMARY_S", 0.5)
+    number = "SIG_IGN" if ignores else "default_int_handler"
+    code = f"import signal, time; signal.signal(2, signal.{number}); print(flush=True)"
+    with subprocess.Popen(
+        [sys.executable, "-c", f"{code}; time.sleep(600)"], stdout=subprocess.PIPE
+    ) as process:
+        process.stdout.readline()
+        assert run_tests._end_in_time(process, 0.1) == (-9 if ignores else -2)

@@ -63,6 +63,8 @@ ROS_ARGUMENT_ERRORS = (
 WAITING, RUNNING, FAULT = 0, 1, 2
 REPORT_EVERY = 100
 READERS_PATIENCE_S = 60.0
+READERS_QUIET_S = 5.0
+"""How long a loop waits for the readers of its topics without a word [s]."""
 LAST_CYCLES_S = 0.2
 """Time for which a node goes on when what kept it is over: the last currents, zero, go out [s]."""
 
@@ -263,15 +265,22 @@ class ControlNode(Node):
             collect_young()
 
     def _wait_for_readers(self) -> None:
-        give_up = time.monotonic() + READERS_PATIENCE_S
+        began, told = time.monotonic(), False
         for topic, count in self._wanted_readers.items():
-            while self.outputs[topic].readers < int(count):
+            while (found := self.outputs[topic].readers) < int(count):
                 if not self.context.ok():
                     return
-                if time.monotonic() > give_up:
+                waited_s = time.monotonic() - began
+                if waited_s > READERS_PATIENCE_S:
                     raise TimeoutError(
                         f"{topic}: expected {count} readers within {READERS_PATIENCE_S:g} s, "
-                        f"found {self.outputs[topic].readers}; which node did not start?"
+                        f"found {found}; which node did not start?"
+                    )
+                if waited_s > READERS_QUIET_S and not told:
+                    told = True
+                    self.get_logger().info(
+                        f"waits for readers of {topic}: expected {count}, found {found}; gives up "
+                        f"after {READERS_PATIENCE_S:g} s"
                     )
                 time.sleep(0.01)
 
