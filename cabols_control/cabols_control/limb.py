@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array
+from cabols_control.compiling import njit
 from cabols_control.errors import ShapeError
 
 TIME_CONSTANT_RANGE_S = (0.005, 10.0)

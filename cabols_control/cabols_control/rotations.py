@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 
 UNIT_TOLERANCE = 1e-3
 """How far the length of a received quaternion may be from 1."""

@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
 from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.compiling import njit
 from cabols_control.forward_kinematics.iteration import solve_factored, turned
 from cabols_control.geometry import RigGeometry
 from cabols_control.limb_springs import LimbSprings

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import BoolArray, FloatArray, finite_array, in_range
+from cabols_control.compiling import njit
 from cabols_control.errors import ShapeError
 from cabols_control.gains import LimbGains
 from cabols_control.limb_control.records import limb_records

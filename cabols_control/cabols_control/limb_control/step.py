@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 from cabols_control.limb_control.law import advance_law, reset_law
 from cabols_control.limb_control.records import Outcome
 from cabols_control.limb_control.references import (

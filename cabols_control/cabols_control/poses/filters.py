@@ -22,9 +22,9 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 
 DEGREE = np.array([2, 4, 3, 2, 2, 1, 0])
 FORGETTING = np.array([0.0, 0.1, 0.2, 0.5, 0.75, 0.9, 0.95])

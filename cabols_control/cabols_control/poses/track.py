@@ -20,9 +20,9 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 from cabols_control.poses.filters import (
     ORDERS,
     POSE_FILTERS,

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.cable_kernels import structure_matrix_into
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 from cabols_control.poses.track import (
     hear_pose,
     place_platform,

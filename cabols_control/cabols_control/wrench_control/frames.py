@@ -19,7 +19,6 @@ from enum import IntEnum
 from typing import Any, Literal
 
 import numpy as np
-from numba import njit
 from pydantic.dataclasses import dataclass as config_dataclass
 
 from cabols_control.checks import (
@@ -29,6 +28,7 @@ from cabols_control.checks import (
     rotation_matrix,
     shaped_array,
 )
+from cabols_control.compiling import njit
 from cabols_control.configuration import STRICT
 from cabols_control.errors import ConfigError, ShapeError
 from cabols_control.placement import Frame

@@ -7,9 +7,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 from cabols_control.tension import INFEASIBLE, INVALID, choose_prepared
 
 

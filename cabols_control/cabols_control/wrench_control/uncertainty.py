@@ -21,11 +21,11 @@ from dataclasses import field
 from typing import Annotated, Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from pydantic.dataclasses import dataclass
 
 from cabols_control.checks import FloatArray, finite_array
+from cabols_control.compiling import njit
 from cabols_control.configuration import STRICT, within
 from cabols_control.errors import ConfigError
 from cabols_control.placement import Frame

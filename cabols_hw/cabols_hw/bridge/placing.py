@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 from cabols_control.poses.track import place_platform
 from cabols_hw.force_torque.tool_weight import tool_weight_into
 

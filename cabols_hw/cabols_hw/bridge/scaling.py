@@ -7,9 +7,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_control.compiling import njit
 from cabols_hw.card.config import ENCODER_MODULUS
 
 HALF_MODULUS = ENCODER_MODULUS // 2

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray, IntArray
+from cabols_control.compiling import njit
 from cabols_control.naming import limb_names
 
 

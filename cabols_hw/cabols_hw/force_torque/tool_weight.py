@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, in_range, rotation_matrix
+from cabols_control.compiling import njit
 from cabols_control.errors import CabolsError
 from cabols_control.rotations import cross_matrix
 from cabols_hw.force_torque.ati import AXES, STANDARD_GRAVITY

@@ -6,9 +6,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import BoolArray, FloatArray
+from cabols_control.compiling import njit
 from cabols_control.load_programs.stopping import BRAKE_LAG_S
 from cabols_hw.bridge.braking import RESPONSE_S
 from cabols_hw.safety.rules import Rule

@@ -10,9 +10,9 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 
 
 class Rule(IntEnum):

@@ -6,7 +6,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from cabols_control.compiling import njit
 
 LONG_SAMPLE_S = 0.0035
 """In a sample that took longer nobody knows which current flowed when: the observer starts anew."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray, IntArray, finite_array
+from cabols_control.compiling import njit
 from cabols_control.geometry import RigGeometry
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.limb_control.law import advance_law

@@ -6,10 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.compiling import njit
 from cabols_control.errors import ShapeError
 from cabols_control.geometry import RigGeometry
 from cabols_hw.force_torque.ati import STANDARD_GRAVITY

@@ -6,9 +6,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 
 LIMB_PARAMETERS = np.dtype(
     [

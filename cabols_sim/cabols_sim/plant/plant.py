@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from cabols_control.cable_kernels import cable_lengths_into, structure_matrix_into
 from cabols_control.checks import BoolArray, FloatArray, IntArray
+from cabols_control.compiling import njit
 from cabols_control.rig import Rig
 from cabols_hw.bridge.scaling import quantise
 from cabols_hw.card.config import ENCODER_MODULUS, CardConfig

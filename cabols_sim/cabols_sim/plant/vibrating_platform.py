@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.linalg import expm
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 from cabols_sim.dynamics.vibration import VibrationModel
 
 

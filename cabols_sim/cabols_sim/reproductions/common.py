@@ -8,9 +8,9 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from cabols_control.checks import FloatArray
+from cabols_control.compiling import njit
 from cabols_control.gains import LimbGains
 from cabols_control.limb_control.law import advance_law
 from cabols_control.limb_control.records import limb_records

@@ -8,8 +8,10 @@ than loops whose end is known at run time only.
 
 from __future__ import annotations
 
-from numba import njit, types
+from numba import types
 from numba.extending import overload
+
+from cabols_control.compiling import njit
 
 compiled = njit(cache=True, error_model="numpy", boundscheck=False)
 """Decorator: cached on disk; divisions follow IEEE 754 instead of raising."""

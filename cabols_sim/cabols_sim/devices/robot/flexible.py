@@ -10,10 +10,10 @@ remembers where it slid to, so loading and unloading differ by a loop.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.compiling import njit
 from cabols_control.naming import joint_name
 
 ELEMENTS = 4

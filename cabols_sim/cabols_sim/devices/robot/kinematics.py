@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from cabols_control.checks import FloatArray, finite_array
+from cabols_control.compiling import njit
 from cabols_control.errors import ConfigError
 from cabols_control.rig_folder import RigFolder, rig_file
 from cabols_control.serial_arms.arm import SerialArm, read_serial_arm

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.spatial.transform import Rotation
 
 from cabols_control.checks import FloatArray, finite_array, in_range
+from cabols_control.compiling import njit
 from cabols_control.serial_arms.arm import SerialArm
 from cabols_hw.abb.configurations import RobotConfigurations, load_configurations
 from cabols_sim.devices.robot.flexible import JointTables, deflect_into
