@@ -209,3 +209,25 @@ def test_words_of_the_branch(tmp_path):
     path.write_text("\n".join([HEADER + ",branch", *rows]), encoding="utf-8")
     branch = read_table(path, 6).index("branch")
     np.testing.assert_array_equal(branch, np.where(np.arange(len(ROWS)) % 2, 1, -1))
+
+
+@pytest.mark.parametrize("slip", ["1e", "0x10", "1O", "-1-", "2b", ".1.", "1_0x"])
+def test_a_slip_in_a_number_is_no_name_of_a_configuration(tmp_path, slip):
+    path = tmp_path / "lab.csv"
+    path.write_text("\n".join([HEADER, slip + ROWS[0].partition(",")[1] + ROWS[0][2:], *ROWS[1:]]))
+    with pytest.raises(TableError, match=r"line 2: config: "):
+        read_table(path, 6)
+
+
+@pytest.mark.parametrize("names", [("1a", "1b"), ("home", "2nd"), ("A1", "A2")])
+def test_names_of_configurations_may_be_any_words(tmp_path, names):
+    path = tmp_path / "lab.csv"
+    rows = [names[row.startswith("0,")] + row[row.index(",") :] for row in ROWS]
+    path.write_text("\n".join([HEADER, *rows]))
+    assert set(read_table(path, 6).index("configuration").tolist()) == {0, 1}
+
+
+def test_names_may_stand_beside_numbers(tmp_path):
+    path = tmp_path / "lab.csv"
+    path.write_text("\n".join([HEADER, "home" + ROWS[0][1:], *ROWS[1:]]))
+    assert read_table(path, 6).index("configuration")[0] == 0

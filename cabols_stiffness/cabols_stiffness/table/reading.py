@@ -171,6 +171,7 @@ def _column(cells: Cells, index: int, role: str, path: str | Path) -> FloatArray
         signs = {"+": "1", "-": "-1"} if "+" in words else {}
         words = [signs.get(word, str(BRANCHES.get(word.lower(), word))) for word in words]
     elif role in WHOLE and any(_is_name(word) for word in words):
+        _refuse_almost_numbers(words, cells.lines, header, path)
         names = {word: i for i, word in enumerate(dict.fromkeys(words))}
         return np.array([np.nan if w.lower() in NOTHING else names[w] for w in words])
     values = [_number(w, line, header, path) for w, line in zip(words, cells.lines, strict=True)]
@@ -194,6 +195,20 @@ def _is_name(word: str) -> bool:
     except ValueError:
         return any(letter.isalpha() for letter in word)
     return False
+
+
+def _refuse_almost_numbers(
+    words: list[str], lines: list[int], header: str, path: str | Path
+) -> None:
+    """Refuse `1e` or `0x10` beside numbers: a slip, by which rows would be ones of their own."""
+    if not any(word.lower() not in NOTHING and not _is_name(word) for word in words):
+        return
+    for word, line in zip(words, lines, strict=True):
+        if _is_name(word) and word.lstrip("+-.")[:1].isdigit():
+            raise TableError(
+                f"{path}: line {line}: {header}: expected a whole number as in other lines, or a "
+                f"name that begins with a letter, got {word!r}"
+            )
 
 
 def _meanings(
