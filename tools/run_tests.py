@@ -36,8 +36,8 @@ MARKS = "CABOLS_TEST_MARKS"
 COUNTS = "CABOLS_TEST_COUNTS"
 """Environment variable: file for the numbers of outcomes, see tests/harness/outcome_counts.py."""
 NOTHING_COLLECTED = 5
-LONGEST_S = 2700.0
-"""Longest that all parts may take without tests marked `long`: three times an idle machine's."""
+LONGEST_S = 4500.0
+"""Longest that all parts may take without tests marked `long`: five times an idle machine's."""
 SUMMARY_S = 60.0
 """Most that pytest may take to end and tell what it has found, once interrupted."""
 ORDER = ("failed", "passed", "skipped", "deselected", "xfailed", "xpassed", "warnings", "errors")

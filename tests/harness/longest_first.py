@@ -11,7 +11,7 @@ import pytest
 
 from file_seconds import TESTS, kind, known_seconds, starts_nodes
 
-GRAPH_S = 300.0
+GRAPH_S = 600.0
 """Least time-out of a test that starts nodes [s]: several times what a busy machine takes."""
 
 
