@@ -7,13 +7,16 @@ misspelt parameter or one of another node's ends it with exit code 2 and a sugge
 
 from __future__ import annotations
 
+import atexit
 import importlib
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
 
@@ -60,9 +63,26 @@ def node(name: str, module: str) -> Callable[[], int]:
         check_node_arguments(name, module, sys.argv[1:])
         importlib.import_module(ROS_FIRST)
         end_signals.handle(lambda *_: os._exit(DONE))
-        return int(importlib.import_module(module).main())
+        leave(int(importlib.import_module(module).main()))
 
     return entry
+
+
+def leave(code: int) -> NoReturn:
+    """End this process, whose node has closed what it opened, as the interpreter would, but faster.
+
+    What waits for an end is done: threads, files, registered functions. To take everything apart,
+    object by object, would need half a second more, a web server seconds on a busy machine.
+
+    Args:
+        code: exit code.
+    """
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
 
 
 def tool(module: str, parser: Callable[[], CommandParser]) -> Callable[[], int]:

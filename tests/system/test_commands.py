@@ -189,3 +189,28 @@ def test_options_are_not_abbreviated_and_version_is_printed(capsys):
         parser.parse_args(["--version"])
     assert ended.value.code == 0
     assert "cabols 0.1.0" in capsys.readouterr().out
+
+
+LEAVING = """
+import atexit, sys, threading, time
+from concurrent.futures import ThreadPoolExecutor
+from cabols_control.node_command import leave
+
+def late(word):
+    time.sleep(0.2)
+    sys.stdout.write(word)
+
+atexit.register(sys.stdout.write, "registered ")
+threading.Thread(target=late, args=["thread "]).start()
+ThreadPoolExecutor().submit(late, "pool ")
+leave(3)
+"""
+
+
+def test_a_node_leaves_nothing_undone_when_it_ends_its_process():
+    done = subprocess.run(
+        [sys.executable, "-c", LEAVING], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 3, done.stderr
+    assert set(done.stdout.split()) == {"thread", "pool", "registered"}
+    assert done.stdout.endswith("registered ")

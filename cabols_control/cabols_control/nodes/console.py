@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 import time
@@ -175,14 +174,8 @@ class ConsoleNode(ControlNode):
 
 
 def main() -> int:
-    """Entry point; ends the process itself.
-
-    Finalising the interpreter object by object takes a web server seconds on a busy machine.
-    """
-    code = run_node(ConsoleNode)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(code)
+    """Entry point."""
+    return run_node(ConsoleNode)
 
 
 if __name__ == "__main__":
