@@ -57,6 +57,14 @@ def start(launcher, text=LOOKS):
     )
 
 
+@pytest.fixture(autouse=True)
+def hang_up():
+    """Tests that were started by `nohup` let their children hear it all the same."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.parametrize("number", END_SIGNALS)
 def test_signal_during_the_start_is_noted_and_ends_it_at_the_next_point(number):
     with start(os.getpid()) as process:
