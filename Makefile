@@ -178,6 +178,10 @@ bench-tracking: setup  ## errors against the command: feedback and preview, as d
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_tracking.py $(ARGS)
 
+bench-tracking-commissioned: setup  ## the same with wrong rigs that were commissioned: k_e and play by their own ramps
+	@mkdir -p build/bench
+	@$(BIN)/python tests/bench/bench_tracking.py --commissioned --output build/bench/tracking_commissioned.json $(ARGS)
+
 bench-cycle-cost: setup  ## what extrapolated poses, backlash and uncertainty add to a cycle of the controllers
 	@mkdir -p build/bench
 	@$(BIN)/python tests/bench/bench_cycle_cost.py $(ARGS)

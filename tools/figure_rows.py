@@ -98,9 +98,14 @@ def geometry_design(f: Figures) -> Iterable[Row]:
         yield f"feasible volume of the {name}", f"{volume} m³", "", None
 
 
+def _cases(f: Figures) -> Iterable[tuple[str, Figures]]:
+    """What was measured of each programme, beside facts of the run."""
+    return ((name, case) for name, case in f.items() if name != "run" and isinstance(case, dict))
+
+
 def tracking(f: Figures) -> Iterable[Row]:
     """Rows of bench-tracking."""
-    for name, case in ((n, c) for n, c in f.items() if n != "run"):
+    for name, case in _cases(f):
         for how in ("feedback", "preview", "preview, mismatch"):
             found = case[how]["sensor"]
             judged = how == "preview, mismatch"
@@ -108,6 +113,19 @@ def tracking(f: Figures) -> Iterable[Row]:
             limit = f"at most {case['target']:g}" if judged else ""
             what = f"{name}: {how}, rms against the command [N or N m]"
             yield what, number(found["median"]) + worst, limit, case["met"] if judged else None
+
+
+def tracking_commissioned(f: Figures) -> Iterable[Row]:
+    """Rows of bench-tracking with rigs that have been commissioned."""
+    for name, case in _cases(f):
+        for how, goal, met in (
+            ("preview, mismatch", "target", "met"),
+            ("learnt, mismatch", "learnt target", "learnt, mismatch, met"),
+        ):
+            found = case[how]["sensor"]
+            measured = f"{number(found['median'])}, worst {number(found['max'])}"
+            what = f"{name}: {how.partition(',')[0]}, rms against the command [N or N m]"
+            yield what, measured, f"at most {case[goal]:g}", case[met]
 
 
 def simulation(f: Figures) -> Iterable[Row]:
@@ -283,6 +301,12 @@ BLOCKS = (
         "bench/tracking.json",
         "`make bench-tracking`: error against the command, compiled loop, full plant",
         tracking,
+    ),
+    Block(
+        "tracking_commissioned",
+        "bench/tracking_commissioned.json",
+        "`make bench-tracking-commissioned`: the same of wrong rigs that were commissioned",
+        tracking_commissioned,
     ),
     Block(
         "simulation",

@@ -63,6 +63,15 @@ class StiffnessFit:
     linearity_rms: float
     hysteresis: float
 
+    @property
+    def play(self) -> float:
+        """Backlash of the gear at the cable, which parts the branches [m]; NaN without both.
+
+        While a motor winds in, the cable lags behind it by half the play, and leads as much while
+        it pays out: at one elongation by the motor the branches are k_e times the play apart.
+        """
+        return max(-self.hysteresis / self.stiffness, 0.0)
+
 
 @njit(cache=True)
 def _unit_response(time: FloatArray, current: FloatArray, time_constant: float) -> FloatArray:

@@ -4,7 +4,9 @@
 Each programme runs on the full plant as designed, and on plants that differ from what the rig's
 files say: gains and time constants of the motors by up to 20 %, k_e by 5 %, attachment points by
 2 mm, sensor gains by 0.5 % and cross-talk by 1 %, friction doubled. Then each rig repeats its
-programme and learns, LEARNING times. Printed is the rms of the axis that is commanded, against the
+programme and learns, LEARNING times. With `--commissioned` each rig that differs is commissioned
+first, by the ramps of `commission --backlash` on its own plant: k_e and the gears' play are then
+what it has found itself. Printed is the rms of the axis that is commanded, against the
 sensor and against the truth, and of the other axes together; and how many of the samples, axis by
 axis, have the truth within the uncertainty that the rig states. A run that was stopped goes on
 where it was (`--fresh` begins anew); the commits of the kept runs are written with the figures.
@@ -16,6 +18,7 @@ import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +38,7 @@ from cabols_control.rig import Rig, load_rig
 from cabols_hw.card.config import CardConfig, load_card
 from cabols_sim.plant.closed_loop import PERIOD_S, Mismatch, Trace, simulate
 from cabols_sim.plant.config import PlantConfig, load_plant
+from commissioned import commission_ramps
 from line_journal import LineJournal
 
 SETTLE_S = 1.5
@@ -139,11 +143,27 @@ def wrong_rig(rig: Rig, plant: PlantConfig, seed: int) -> tuple[PlantConfig, Mis
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Files of a rig and of its simulation."""
+    """Files of a rig and of its simulation.
+
+    Attributes:
+        rig: as its files say, or commissioned.
+        card: of the rig.
+        plant: as the rig's files say, of which wrong ones are drawn.
+        built: the rig of which they are drawn; None: `rig`.
+    """
 
     rig: Rig
     card: CardConfig
     plant: PlantConfig
+    built: Rig | None = None
+
+
+@cache
+def commissioned_setup(setup: Setup, seed: int) -> Setup:
+    """The files of a rig that was built by a seed, and has been commissioned."""
+    plant, wrong = wrong_rig(setup.rig, setup.plant, seed)
+    found = commission_ramps(setup.rig, setup.card, plant, wrong, seed)
+    return replace(setup, rig=found, built=setup.rig)
 
 
 def kept_run(
@@ -176,7 +196,7 @@ def run(
     rest = np.zeros((round(SETTLE_S / PERIOD_S), 6))
     plant, mismatch = setup.plant, None
     if seed is not None:
-        plant, mismatch = wrong_rig(rig, plant, seed)
+        plant, mismatch = wrong_rig(setup.built or rig, plant, seed)
     learnt, followed, found = nothing_learnt(shaped, "", *place), shaped, []
     for cycle in range(cycles + 1):
         reference = followed.reference.sample(np.arange(0.0, shaped.duration, PERIOD_S))
@@ -286,6 +306,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases with this in their name")
     parser.add_argument("--gains", default="", help="YAML of another design, such as control_fast")
     parser.add_argument("--backlash", type=float, default=0.0, help="that the limb law knows [m]")
+    parser.add_argument("--commissioned", action="store_true", help="wrong rigs have been")
     parser.add_argument("--preview-delay", type=float, help="in place of the design's [s]")
     parser.add_argument("--fresh", action="store_true", help="forget the runs that are kept")
     arguments = parser.parse_args()
@@ -294,6 +315,8 @@ def main() -> None:
         design += f".backlash_{1e6 * arguments.backlash:g}_um"
     if arguments.preview_delay is not None:
         design += f".delay_{1e3 * arguments.preview_delay:g}_ms"
+    if arguments.commissioned:
+        design += ".commissioned"
     kept = LineJournal(arguments.output.with_suffix(f".{design}.{FORM}.jsonl"), arguments.fresh)
     rig = load_rig(control=arguments.gains or None)
     rig = replace(rig, limbs=replace(rig.limbs, backlash=arguments.backlash))
@@ -318,8 +341,9 @@ def main() -> None:
             rows[name] = exact
             print(line(case.name, name, exact), flush=True)
         report(case, rows, "learnt", [kept_run(kept, setup, case, True, None, LEARNING)])
+        own = partial(commissioned_setup, setup) if arguments.commissioned else lambda _: setup
         wrong = [
-            kept_run(kept, setup, case, True, seed, LEARNING) for seed in range(arguments.seeds)
+            kept_run(kept, own(seed), case, True, seed, LEARNING) for seed in range(arguments.seeds)
         ]
         first = rows["preview, mismatch"] = spread([cycles[0] for cycles in wrong])
         rows["met"] = bool(first["sensor"]["median"] <= case.target)

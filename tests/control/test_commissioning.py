@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -111,6 +113,8 @@ def test_ramp_finds_the_stiffness(loop, rig, plant_config, limb):
     compliance = 1.0 / limbs.spring_stiffness + limbs.cable_compliance_per_metre * length
     assert result.line.stiffness == pytest.approx(1.0 / compliance, rel=0.01)
     assert result.fit > 0.98
+    # What the motor turns at the peak before the cable follows makes it a little less.
+    assert 0.85 < result.line.play / limbs.backlash < 1.0
     # The sensor sees the true tension: less than the holding tension's own error, 0.5 N.
     assert np.abs(result.tension.max() - loop.tension[:, limb].max()) < 1.0
     # The sensor's range bounds the ramp here: 15 N m, less than 150 N on one cable would give.
@@ -118,6 +122,20 @@ def test_ramp_finds_the_stiffness(loop, rig, plant_config, limb):
     others = np.arange(8) != limb
     np.testing.assert_allclose(loop.tension[:, others], rig.holding_tension, atol=1.0)
     assert not loop.bridge.saturated_gauge
+
+
+def test_a_gear_without_play_is_given_none(rig, card, plant_config):
+    limbs = replace(plant_config.limbs, backlash=0.0)
+    loop = OneProcess(rig, card, replace(plant_config, limbs=limbs), 3)
+    loop.run(0.3)
+    loop.pretighten()
+    programme = ramp_of(rig, 4)
+    record_wrench(loop, programme)
+    geometry = rig.geometry
+    pose = (geometry.reference_position, geometry.reference_rotation)
+    times, wrench = programme.wrench
+    words = (programme.record, times - programme.record_start_s, wrench)
+    assert evaluate_ramp(*words, geometry, 4, *pose, rig.control.rated).line.play < 3e-6
 
 
 def record_wrench(loop, programme):
@@ -229,6 +247,7 @@ def test_commissioned_rig_loads_again(tmp_path, rig):
     write_results(tmp_path, rig, results)
     again = load_rig(limbs=tmp_path / "limbs.yaml")
     assert again.limbs == commissioned_rig(rig, results).limbs
+
     assert again.limbs.gain[2] == 1.5
     assert again.limbs.gain[0] == rig.limbs.gain[0]
     assert again.limbs.stiffness == 2300.0
@@ -236,6 +255,21 @@ def test_commissioned_rig_loads_again(tmp_path, rig):
     np.testing.assert_allclose(gains["k_I"], [g.integral for g in again.gains.limbs], rtol=1e-5)
     np.testing.assert_allclose(gains["k_P2"], [g.tension for g in again.gains.limbs], rtol=1e-4)
     assert "not commissioned: limbs 1, 2, 4, 5, 7 and 8." in (tmp_path / "limbs.yaml").read_text()
+
+
+def test_control_knows_the_least_play_of_those_found_if_asked(tmp_path, rig):
+    results = {
+        limb: LimbResult(limb, stiffness=2200.0, backlash=play)
+        for limb, play in ((2, 1.5e-4), (5, 1.8e-4), (6, np.nan))
+    }
+    known = commissioned_rig(rig, results, know_backlash=True)
+    assert (known.limbs.backlash, known.control.preview_delay) == (1.5e-4, 0.0)
+    assert commissioned_rig(rig, results).limbs.backlash == 0.0
+    assert commissioned_rig(rig, results).control == rig.control
+    write_results(tmp_path, rig, results, know_backlash=True)
+    assert load_rig(limbs=tmp_path / "limbs.yaml").limbs.backlash == 1.5e-4
+    nothing = {3: LimbResult(3, 1.5, 0.33)}
+    assert commissioned_rig(rig, nothing, know_backlash=True).limbs.backlash == 0.0
 
 
 def test_projection_on_a_cable(rig, random):

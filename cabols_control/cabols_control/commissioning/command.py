@@ -23,6 +23,7 @@ def commission_parser() -> CommandParser:
     add("--no-ramp", action="store_true", help="do not identify the stiffness")
     add("--step-current", type=float, default=0.0, help="A (default: 0.5)")
     add("--ramp-tension", type=float, default=0.0, help="N (default: 150)")
+    add("--backlash", action="store_true", help="write the gears' play, which control then knows")
     add("--speed", type=float, default=1.0, help="of a simulated rig's time")
     for name in ("geometry", "limbs", "control"):
         add(f"--{name}-file", type=existing_file, default="", help="as the rig runs with")

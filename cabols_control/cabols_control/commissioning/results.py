@@ -25,7 +25,7 @@ from cabols_control.limb import (
     identify_stiffness,
 )
 from cabols_control.naming import limb_names, number
-from cabols_control.rig import Rig
+from cabols_control.rig import BACKLASH_MAX_M, Rig
 
 TENSION_RANGE_N = (5.0, 145.0)
 """Range of the ramp for the fit [N]: at less tension the spring's coils may touch."""
@@ -164,6 +164,7 @@ class LimbResult:
         stiffness: k_e [N/m].
         stiffness_fit: of the tension.
         message: further findings.
+        backlash: of the gear, at the cable [m].
     """
 
     limb: int
@@ -173,9 +174,12 @@ class LimbResult:
     stiffness: float = np.nan
     stiffness_fit: float = np.nan
     message: str = ""
+    backlash: float = np.nan
 
 
-def commissioned_rig(rig: Rig, results: Mapping[int, LimbResult]) -> Rig:
+def commissioned_rig(
+    rig: Rig, results: Mapping[int, LimbResult], know_backlash: bool = False
+) -> Rig:
     """Return the rig with what was identified in place of what was configured.
 
     Where the configuration has one k_e for all limbs (thesis section 3.4.1), it is the mean of
@@ -184,6 +188,8 @@ def commissioned_rig(rig: Rig, results: Mapping[int, LimbResult]) -> Rig:
     Args:
         rig: as configured.
         results: identified, by the limb's index from 0.
+        know_backlash: whether control is to know the gears' play: the least of those identified,
+            as more than a gear has rings. The loop's delay is then that of its design alone.
     """
     gain, constant = list(rig.limbs.gain), list(rig.limbs.time_constant)
     for limb, result in results.items():
@@ -196,23 +202,33 @@ def commissioned_rig(rig: Rig, results: Mapping[int, LimbResult]) -> Rig:
     elif found:
         stiffness = float(np.mean(list(found.values())))
     limbs = replace(rig.limbs, stiffness=stiffness, gain=gain, time_constant=constant)
-    return Rig(rig.geometry, limbs, rig.control)
+    plays = [float(r.backlash) for r in results.values() if np.isfinite(r.backlash)]
+    if not (know_backlash and plays):
+        return Rig(rig.geometry, limbs, rig.control)
+    limbs = replace(limbs, backlash=min(*plays, BACKLASH_MAX_M))
+    return Rig(rig.geometry, limbs, replace(rig.control, preview_delay=0.0))
 
 
-def write_results(folder: str | Path, rig: Rig, results: Mapping[int, LimbResult]) -> list[Path]:
+def write_results(
+    folder: str | Path,
+    rig: Rig,
+    results: Mapping[int, LimbResult],
+    know_backlash: bool = False,
+) -> list[Path]:
     """Write limbs.yaml (loads with load_rig), gains.yaml and table.txt.
 
     Args:
         folder: made if it is missing.
         rig: as configured; its values stay for limbs that were not commissioned.
         results: by limb.
+        know_backlash: whether limbs.yaml tells the gears' play, too.
 
     Returns:
         The paths.
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    new = commissioned_rig(rig, results)
+    new = commissioned_rig(rig, results, know_backlash)
     texts = {
         "limbs.yaml": _limbs_text(new, results),
         "gains.yaml": _gains_text(new),
@@ -234,7 +250,7 @@ def _limbs_text(rig: Rig, results: Mapping[int, LimbResult]) -> str:
         "time_constant": [round(value, 8) for value in limbs.time_constant],
     }
     if limbs.backlash > 0.0:
-        values["backlash"] = limbs.backlash
+        values["backlash"] = round(limbs.backlash, 6)
     if limbs.axial_stiffness is not None:
         values["axial_stiffness"] = limbs.axial_stiffness
     if limbs.gear is not None:
@@ -275,13 +291,13 @@ def table(rig: Rig, results: Mapping[int, LimbResult]) -> str:
     """
     lines = [
         "limb   k [m/s/A]  configured    T [s]  configured    fit [%]  k_e [N/m]  configured"
-        "   fit [%]"
+        "   fit [%]  play [mm]"
     ]
     limbs, springs = rig.limbs, rig.springs.nominal
     for i, r in sorted(results.items()):
         lines.append(
             f"{number(i):4d} {r.gain:11.4f} {limbs.gain[i]:11.4f} {r.time_constant:8.4f} "
             f"{limbs.time_constant[i]:11.4f} {100 * r.fit:10.2f} {r.stiffness:10.1f} "
-            f"{springs[i]:11.1f} {100 * r.stiffness_fit:9.2f}"
+            f"{springs[i]:11.1f} {100 * r.stiffness_fit:9.2f} {1e3 * r.backlash:10.3f}"
         )
     return "\n".join(lines)

@@ -41,6 +41,10 @@ from cabols_control.ros.limb_actions.trace import LimbTrace
 from cabols_control.ros.rig_client import RigClient
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
+WITH_BACKLASH = (
+    "limbs.yaml tells the gears' play: with it the loop's own delay is smaller, so write "
+    "`preview_delay: 0.0` into control.yaml (docs/moving.md)"
+)
 LIMB_S = 180.0
 """Longest commissioning of one limb [s]."""
 
@@ -98,6 +102,7 @@ class Tool:
             result.stiffness,
             result.stiffness_fit,
             result.message,
+            result.backlash,
         )
         return bool(result.success), found
 
@@ -199,6 +204,8 @@ def _run(arguments: argparse.Namespace, rig: Rig, limbs: list[int]) -> int:
         code = fail(str(error), FAILED)
     if results:
         print(table(rig, results))
+        if arguments.backlash:
+            print(WITH_BACKLASH)
         for path in sorted(arguments.output.iterdir()):
             if path.name != MARKER:
                 print(f"  {path}")
@@ -226,7 +233,7 @@ def _commission(
             return fail(f"{limb_name(limb)}: {result.message}", FAILED)
         results[limb] = result
         # After each limb, so that an interruption keeps the results so far.
-        write_results(arguments.output, rig, results)
+        write_results(arguments.output, rig, results, arguments.backlash)
         tool.draw(result, arguments.output)
         save(draw_overview(rig, results), arguments.output / "overview.png")
     return DONE

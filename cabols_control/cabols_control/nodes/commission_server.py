@@ -94,7 +94,13 @@ class CommissionServer:
         request = handle.request
         nan = float("nan")
         result = CommissionLimb.Result(
-            gain=nan, time_constant=nan, fit=nan, stiffness=nan, stiffness_fit=nan, partner=-1
+            gain=nan,
+            time_constant=nan,
+            fit=nan,
+            stiffness=nan,
+            stiffness_fit=nan,
+            partner=-1,
+            backlash=nan,
         )
         if self._busy:
             handle.abort()
@@ -234,12 +240,14 @@ class CommissionServer:
             node.rig.control.rated,
         )
         result.stiffness, result.stiffness_fit = found.line.stiffness, found.fit
+        result.backlash = found.line.play
         less = programme.peak < config.ramp_tension
         return (
             f"ramp: to {programme.peak:.1f} N"
             + (" (more is beyond the sensor's range)" if less else "")
             + f", residual {found.line.linearity_rms:.2f} N, "
-            f"hysteresis {found.line.hysteresis:.2f} N"
+            f"hysteresis {found.line.hysteresis:.2f} N, as of a gear's play of "
+            f"{1e3 * found.line.play:.3f} mm"
         )
 
     async def _pretighten(self, handle: Any) -> None:
