@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
 
 from cabols_control.bringup.graph import answering, nodes_of, with_robot
@@ -154,7 +153,11 @@ def bench_graph(
         return nodes
     if robot:
         nodes = [_beside_clock(node) for node in nodes]
-    readers = Counter(topic for node in nodes for topic in node.reads)
+    readers = {
+        topic: sorted(node.executable for node in nodes if topic in node.reads)
+        for node in nodes
+        for topic in node.writes
+    }
     return [
         node
         if node is DEVICES or node.options
@@ -162,9 +165,9 @@ def bench_graph(
             lockstep=True,
             # What is latched reaches a reader that comes later.
             wait_for_readers=[
-                f"{topic}={readers[topic]}"
+                f"{topic}={'+'.join(readers[topic])}"
                 for topic in node.writes
-                if topic_row(topic).quality is not Quality.LATCHED
+                if readers[topic] and topic_row(topic).quality is not Quality.LATCHED
             ],
         )
         for node in nodes

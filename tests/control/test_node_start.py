@@ -10,6 +10,7 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.parameter import Parameter
+from std_msgs.msg import String
 
 from cabols_control.errors import ConfigError
 from cabols_control.ros import node as control_node
@@ -73,19 +74,51 @@ def test_only_a_slow_start_is_spoken_of(slow, capfd):
     assert heard.count("still starting") == int(slow)
 
 
-def test_a_loop_that_waits_for_readers_says_for_which(monkeypatch):
+class Waiting:
+    """What ControlNode uses of itself while it waits, on a node of rclpy."""
+
+    _wait_for_readers = control_node.ControlNode._wait_for_readers
+    _missing_readers = control_node.ControlNode._missing_readers
+
+    def __init__(self, node, wanted):
+        self._node, self._wanted_readers, self.said = node, wanted, []
+        publisher = node.create_publisher(String, "limb_state", 10)
+        self.outputs = {"limb_state": Readers(publisher)}
+
+    def get_logger(self):
+        return SimpleNamespace(info=self.said.append)
+
+    def __getattr__(self, name):
+        return getattr(self._node, name)
+
+
+class Readers:
+    def __init__(self, publisher):
+        self._publisher = publisher
+
+    @property
+    def readers(self):
+        return self._publisher.get_subscription_count()
+
+
+def test_a_loop_waits_for_its_nodes_whoever_else_reads(make, monkeypatch):
+    """A tool that listens from the start once stood for a node that was still starting."""
     monkeypatch.setattr(control_node, "READERS_QUIET_S", 0.02)
-    monkeypatch.setattr(control_node, "READERS_PATIENCE_S", 0.2)
-    said = []
-    waiting = SimpleNamespace(
-        _wanted_readers={"limb_state": "1", "platform_pose": "3"},
-        outputs={
-            "limb_state": SimpleNamespace(readers=1),
-            "platform_pose": SimpleNamespace(readers=2),
-        },
-        context=SimpleNamespace(ok=lambda: True),
-        get_logger=lambda: SimpleNamespace(info=said.append),
-    )
-    with pytest.raises(TimeoutError, match="platform_pose: expected 3 readers"):
-        control_node.ControlNode._wait_for_readers(waiting)
-    assert said == ["waits for readers of platform_pose: expected 3, found 2; gives up after 0.2 s"]
+    monkeypatch.setattr(control_node, "READERS_PATIENCE_S", 2.0)
+    waiting = Waiting(make(), {"limb_state": frozenset({"limb_controller", "recorder"})})
+    readers = []
+    for name in ("rqt_plot", "echo", "recorder"):
+        node = rclpy.create_node(name, context=waiting.context)
+        node.create_subscription(String, "limb_state", print, 10)
+        readers.append(node)
+    with pytest.raises(
+        TimeoutError, match=r"limb_state: .* within 2 s by .*got no limb_controller"
+    ):
+        waiting._wait_for_readers()
+    assert waiting.said == ["waits for limb_controller to read limb_state; gives up after 2 s"]
+    monkeypatch.setattr(control_node, "READERS_PATIENCE_S", 60.0)
+    late = rclpy.create_node("limb_controller", context=waiting.context)
+    late.create_subscription(String, "limb_state", print, 10)
+    waiting._wait_for_readers()
+    for node in (*readers, late):
+        node.destroy_node()

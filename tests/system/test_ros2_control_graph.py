@@ -101,7 +101,6 @@ def test_controllers_lead_the_tensions_and_silence_lets_them_down():
         watcher.wait(lambda: near(plugin, rest), "tensions ramped down after silence")
         completed.append(True)
 
-    # A watcher of limb_state or wrench would be counted as one of the readers that lockstep awaits.
     values = {"lockstep": True, "record": False, "ros2_control": True, "auto_start": True}
     _, lines, watcher = run_scenario(values, scenario, ("mode", "loop_status"))
     assert completed, "\n".join(lines[-30:])

@@ -82,7 +82,7 @@ class RecorderNode(ControlNode):
         self._mode: int = Mode.STOPPED
         self._moved_s = -math.inf
         if not self.lockstep:
-            # In lockstep the clock counts the readers of each topic.
+            # A lockstep run does the same each time: nothing here goes by the wall clock then.
             self.create_subscription(Mode, "mode", self._hear_mode, topic_qos("mode"))
             self.create_timer(SPACE_S, self._watch_space)
         self._joining = self.create_timer(JOIN_S, self._join)

@@ -203,9 +203,10 @@ class ControlNode(Node):
             self,
             "wait_for_readers",
             [""],
-            "topic=count pairs: start only when each topic has this number of readers",
+            "topic=node+node: start only when these nodes read the topic",
         )
-        self._wanted_readers = dict(item.split("=") for item in wanted if item)
+        pairs = (item.partition("=") for item in wanted if item)
+        self._wanted_readers = {topic: frozenset(names.split("+")) for topic, _, names in pairs}
         self.outputs: dict[str, Output] = {}
         self.status = Status(self, self.lockstep)
         self.outputs["loop_status"] = self.status.output()
@@ -266,23 +267,32 @@ class ControlNode(Node):
 
     def _wait_for_readers(self) -> None:
         began, told = time.monotonic(), False
-        for topic, count in self._wanted_readers.items():
-            while (found := self.outputs[topic].readers) < int(count):
+        for topic, names in self._wanted_readers.items():
+            while missing := self._missing_readers(topic, names):
                 if not self.context.ok():
                     return
                 waited_s = time.monotonic() - began
                 if waited_s > READERS_PATIENCE_S:
                     raise TimeoutError(
-                        f"{topic}: expected {count} readers within {READERS_PATIENCE_S:g} s, "
-                        f"found {found}; which node did not start?"
+                        f"{topic}: expected it to be read within {READERS_PATIENCE_S:g} s by "
+                        f"{', '.join(sorted(names))}, got no {missing}: did it not start?"
                     )
                 if waited_s > READERS_QUIET_S and not told:
                     told = True
                     self.get_logger().info(
-                        f"waits for readers of {topic}: expected {count}, found {found}; gives up "
-                        f"after {READERS_PATIENCE_S:g} s"
+                        f"waits for {missing} to read {topic}; gives up after "
+                        f"{READERS_PATIENCE_S:g} s"
                     )
                 time.sleep(0.01)
+
+    def _missing_readers(self, topic: str, names: frozenset[str]) -> str:
+        """Name who does not read a topic yet; others who read it, such as tools, do not count."""
+        found = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
+        own = self.get_namespace()
+        here = {each.node_name for each in found if each.node_namespace == own}
+        # Known is not met: what is published before is lost.
+        met = self.outputs[topic].readers >= len(found)
+        return ", ".join(sorted(names - here)) or ("" if met else "other node")
 
     def begin(self) -> None:
         """Start threads; called after the executor was created."""
