@@ -12,6 +12,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import yaml
+
 from cabols_control.command_line import DONE, CommandParser, command, existing_path
 from cabols_control.errors import UsageError
 from cabols_control.geometry import load_geometry
@@ -26,8 +28,8 @@ EIGHT = 8
 HANGING = "hanging"
 BENCH_SPEED_M_S = 0.06
 """That robot.yaml has where it says none."""
-BENCH_STIFFNESS_N_M, AXIAL_N = 2200.0, 15300.0
-"""k_e of the bench's limbs, with cables of its length, and EA of such cables."""
+AXIAL_N = 15300.0
+"""EA of the bench's cables."""
 POINTS = {
     7: (
         [
@@ -123,19 +125,21 @@ def _springs(folder: Path) -> None:
     torque steps overshoot by 9 %.
     """
     file = folder / "limbs.yaml"
+    text = file.read_text(encoding="utf-8")
+    k_e = float(yaml.safe_load(text)["stiffness"])
     bench, new = load_geometry(), load_geometry(folder / "geometry.yaml")
     usual, lengths = (
         cable_lengths(each, each.reference_position, each.reference_rotation)
         for each in (bench, new)
     )
-    compliance = 1.0 / BENCH_STIFFNESS_N_M + (lengths - usual.mean()) / AXIAL_N
+    compliance = 1.0 / k_e + (lengths - usual.mean()) / AXIAL_N
     values = ", ".join(f"{value:.0f}.0" for value in 1.0 / compliance)
     text = re.sub(
         r"(?m)^stiffness: .*$",
         "# k_e of spring and cable at the reference pose [N/m], and EA of the cables [N]: the\n"
         "# springs are the bench's, and a longer cable is softer.\n"
         f"stiffness: [{values}]\naxial_stiffness: {AXIAL_N}",
-        file.read_text(encoding="utf-8"),
+        text,
     )
     file.write_text(text, encoding="utf-8")
 
