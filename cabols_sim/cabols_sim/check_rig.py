@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 
+from cabols_control.checks import FloatArray
 from cabols_control.command_line import DONE, CommandParser, command, rig_option
 from cabols_control.frames import load_frames
 from cabols_control.kinematics import cable_lengths
@@ -53,12 +54,13 @@ def check_rig(folder: RigFolder) -> list[str]:
     plant.limbs.require_limbs(geometry.cables)
     plant.geometry(geometry)
     pose = (geometry.reference_position, geometry.reference_rotation)
+    lengths = cable_lengths(geometry, *pose)
     found: list[Findings] = [
         check_geometry(geometry.records(), *pose),
         check_limbs(
             rig.springs.nominal,
             rig.limbs.gain,
-            cable_lengths(geometry, *pose),
+            lengths,
             rig.control.tension_max,
             rig.control.current_limit,
         ),
@@ -77,16 +79,14 @@ def check_rig(folder: RigFolder) -> list[str]:
     cards = "1 card" if card.wiring.cards == 1 else f"{card.wiring.cards} cards on one clock"
     return [
         *(findings.read for findings in found),
-        *_one_stiffness(rig),
+        *_one_stiffness(rig, lengths),
         *held,
         f"{card.wiring.limbs} limbs wired to {cards}",
     ]
 
 
-def _one_stiffness(rig: Rig) -> list[str]:
-    """Say if one k_e stands for cables of quite different lengths."""
-    geometry = rig.geometry
-    lengths = cable_lengths(geometry, geometry.reference_position, geometry.reference_rotation)
+def _one_stiffness(rig: Rig, lengths: FloatArray) -> list[str]:
+    """Say if one k_e stands for cables of quite different (n,) lengths [m]."""
     if isinstance(rig.limbs.stiffness, list) or np.ptp(lengths) <= LENGTHS_ALIKE * lengths.mean():
         return []
     return [

@@ -10,7 +10,7 @@ from typing import Any
 
 from cabols_control.naming import number, place_name, reflector_name
 from cabols_control.supervision.faults import SENSOR_FAULTS, FaultName
-from cabols_control.supervision.modes import MOVING, NEXT, NEXT_HANGING, OperatingMode
+from cabols_control.supervision.modes import MOVING, OperatingMode, next_modes
 from cabols_control.supervision.supervision_config import SupervisionConfig
 
 SILENT_S = 3.5
@@ -128,7 +128,7 @@ def mode_view(mode: int | None, reason: str, held: str = "", hangs: bool = False
             "next": [],
         }
     present = OperatingMode(mode)
-    following = [m for m in OPERATOR_MODES if m in (NEXT_HANGING if hangs else NEXT)[present]]
+    following = [m for m in OPERATOR_MODES if m in next_modes(hangs)[present]]
     held = "" if present in MOVING else held
     return {
         "number": int(present),

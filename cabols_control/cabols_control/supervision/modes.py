@@ -89,6 +89,15 @@ NEXT_HANGING: dict[OperatingMode, tuple[OperatingMode, ...]] = {
 LOADING gears take it over at once, by which it may be loaded again."""
 
 
+def next_modes(hangs: bool) -> dict[OperatingMode, tuple[OperatingMode, ...]]:
+    """Modes that may be requested in each mode.
+
+    Args:
+        hangs: whether the platform hangs on its cables.
+    """
+    return NEXT_HANGING if hangs else NEXT
+
+
 @dataclass(frozen=True)
 class Verdict:
     """Whether a transition is allowed, and why.
@@ -169,7 +178,7 @@ class ModeMachine:
             hangs: whether the platform hangs on its cables.
         """
         self.hangs = hangs
-        self.following = NEXT_HANGING if hangs else NEXT
+        self.following = next_modes(hangs)
         self.entry = Entry(OperatingMode.STOPPED, Cause.START, "start", None, 0)
         self.pending: OperatingMode | None = None
         self.zeroing_seen = 0
