@@ -134,6 +134,19 @@ def test_a_long_line_stops_no_node(node):
     assert sum(map(len, lines)) == 300_000 + len("lastend")
 
 
+@pytest.mark.parametrize("excess", [-1, 0, 1])
+def test_a_long_line_has_no_empty_one_behind_it(node, excess):
+    """Its newline may come alone, once all of the line has been shown."""
+    length = 2 * processes.LONGEST_LINE + excess
+    script = f"head -c {length} /dev/zero | tr '\\0' x; sleep 0.3; printf '\\n\\nlast\\n'; exit 3"
+    lines = []
+    ended = run([node("talks", script)], on_line=lambda _, text: lines.append(text), limit_s=60.0)
+    assert (ended.overdue, ended.code) == (False, 3)
+    assert lines[-2:] == ["", "last"]
+    assert all(lines[:-2])
+    assert sum(map(len, lines)) == length + len("last")
+
+
 @pytest.mark.parametrize("error", [BrokenPipeError(), ValueError("closed file")])
 def test_a_closed_terminal_stops_no_node(error, node, tmp_path):
     def closed(*_):

@@ -300,11 +300,15 @@ async def _pump(
             on_line(name, line.decode(errors="replace").rstrip())
 
     try:
-        rest = b""
+        rest, shown = b"", False
         while piece := await process.stdout.read(LONGEST_LINE):
             *lines, rest = (rest + piece).split(b"\n")
+            if lines and shown:
+                # The end of a long line; nothing but its newline may be left.
+                lines = lines[1:] if not lines[0] else lines
+                shown = False
             if len(rest) >= LONGEST_LINE:
-                lines, rest = [*lines, rest], b""
+                lines, rest, shown = [*lines, rest], b"", True
             for line in lines:
                 tell(line)
         if rest:
