@@ -246,14 +246,21 @@ def test_pose_that_drifts_while_pre_tightened_limbs_wait_is_found_by_the_sensor(
     assert peak < 45.0
 
 
-@pytest.mark.parametrize("state", ["started", "robot moves", "path under load"])
-def test_recovery_that_makes_a_load_larger_is_given_up(bench, state):
-    """A motor whose encoder stands still is paid out by its current; its amplifier drives it."""
-    random = np.random.default_rng(3)
-    rig = bench.prepare(state, 1, random)
-    limb = int(np.argmax(rig.plant.tension))
+STANDS = [
+    *((state, 0.8) for state in ("started", "pretightening", "robot moves", "path under load")),
+    *((state, 1.5) for state in ("started", "loading", "free", "robot moves", "path under load")),
+    ("loading", 3.0),
+    ("free", 3.0),
+]
+
+
+@pytest.mark.parametrize("limb", [1, 3, 6])
+@pytest.mark.parametrize(("state", "own_a"), STANDS)
+def test_amplifier_that_drives_past_an_encoder_that_stands(bench, state, own_a, limb):
+    """Neither the count nor any current tells of it, the sensor does: up to 889 N before."""
+    rig = bench.prepare(state, 1, np.random.default_rng(3 + limb))
     rig.plant.inject("encoder_frozen", limb)
-    rig.plant.inject("amplifier_offset", limb, 0.8)
+    rig.plant.inject("amplifier_offset", limb, own_a)
     peak = 0.0
     for _ in range(1500):
         rig.cycle()

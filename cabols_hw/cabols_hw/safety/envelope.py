@@ -15,12 +15,19 @@ from cabols_hw.bridge.bridge import Bridge
 from cabols_hw.safety import limb_rules, rules
 from cabols_hw.safety.changes import ChangeWatch
 from cabols_hw.safety.config import SafetyConfig
-from cabols_hw.safety.faults import AXES, POSE_LOST, BridgeFault, same_kind
-from cabols_hw.safety.limb_faults import alone_missing, cable_or_switch, limb_fault
+from cabols_hw.safety.faults import POSE_LOST, BridgeFault, same_kind
+from cabols_hw.safety.limb_faults import (
+    alone_missing,
+    cable_or_switch,
+    limb_fault,
+    unseen_fault,
+)
 from cabols_hw.safety.pose import PoseWatch
 from cabols_hw.safety.rules import Rule
 from cabols_hw.safety.search import SearchWatch
+from cabols_hw.safety.sensor_faults import estimate_fault, sensor_fault, wrench_fault
 from cabols_hw.safety.surges import CERTAIN_AS, SURGE_SAMPLES, SURPLUS_AS
+from cabols_hw.safety.unseen import UnseenPull
 
 BY_TENSION = (*LOADED, OperatingMode.FREE_MOVING, OperatingMode.PRETIGHTENING)
 """Modes in which the zeroed limbs' estimates decide about currents."""
@@ -52,17 +59,8 @@ class SafetyEnvelope:
         """
         n = rig.geometry.cables
         self._config = config
-        limits = self._limb_limits = np.zeros(1, limb_rules.LIMB_LIMITS)
-        for name in limits.dtype.names or ():
-            limits[name] = getattr(config, name, 0.0)
-        limits["current_limit"], limits["switch_tension"] = current_limit, rig.limbs.switch_tension
-        self._limbs = np.zeros(n, limb_rules.LIMB_WATCH)
-        self._limbs["slack_stretch"] = np.nan
-        self._limbs["gain"], self._limbs["time_constant"] = rig.limbs.gain, rig.limbs.time_constant
-        drive = self._limbs["gain"] / self._limbs["time_constant"] * current_limit
-        self._limbs["most_speed"] = STOP_TIME_S * drive
-        for name in ("last_speed", "leapt_from", "began"):
-            self._limbs[name] = np.nan
+        self._limb_limits = limb_rules.limits_of(config, rig, current_limit)
+        self._limbs = limb_rules.watch_of(rig, STOP_TIME_S, current_limit)
         self._wrench_watch = np.zeros(1, rules.WRENCH_WATCH)
         for name in ("wrench_max", "estimate_force", "estimate_torque", "estimate_time"):
             self._wrench_watch[name] = getattr(config, name)
@@ -71,6 +69,7 @@ class SafetyEnvelope:
         self._relief_left_s = 0.0
         self._search = SearchWatch(n, config.pretension_force)
         self._changes = ChangeWatch(config)
+        self._unseen = UnseenPull(n)
         self._last_volts = np.full(6, np.nan)
         self._since_flat = np.zeros(6)
         self._last_s = np.nan
@@ -127,6 +126,8 @@ class SafetyEnvelope:
         So is it where the speed went up in a single sample, as a current cannot make it, unless it
         goes on.
         """
+        if self.drives_unseen:
+            return True
         watch, speed = self._limbs, self.speed
         lasting = watch["motion_s"] > 0.5 * self._config.motion_time
         ahead = lasting & (watch["motion_sign"] * speed > STILL_M_S)
@@ -134,6 +135,11 @@ class SafetyEnvelope:
         charge = np.maximum(watch["surplus"], watch["against"])
         drives = ahead | surges | (charge > SURPLUS_AS)
         return bool(((drives & (watch["stepped"] == 0.0)) | (charge > CERTAIN_AS)).any())
+
+    @property
+    def drives_unseen(self) -> bool:
+        """Whether the sensor feels a motor that winds in while its encoder stands still."""
+        return self._unseen.limb >= 0
 
     def braking_speed(self, doubted: BoolArray) -> FloatArray:
         """(n,) speeds, winding in: of doubted limbs by the currents, of others by encoders [m/s].
@@ -171,6 +177,8 @@ class SafetyEnvelope:
 
     def warm_up(self, bridge: Bridge) -> None:
         """Compile what judge() reaches only in some states, for the bridge's own arrays."""
+        self._note_unseen(bridge)
+        self._unseen.begin()
         rules.judge_wrench(
             1e-3,
             self._wrench_watch.copy(),
@@ -193,6 +201,7 @@ class SafetyEnvelope:
         moving = mode in MOVING or recovers
         if not 0.0 < dt_s <= LONGEST_STEP_S:
             limb_rules.forget_motion(self._limbs)
+            self._unseen.begin()
             if moving and dt_s < -CLOCK_BACK_S:
                 # Else what is old by the clock before would seem fresh for as long as the step.
                 return BridgeFault(
@@ -219,7 +228,11 @@ class SafetyEnvelope:
         dt_s = min(dt_s, LONGEST_STEP_S) if dt_s > 0.0 else LONGEST_STEP_S
         limbs = self._judge_limbs(dt_s, bridge, moving)
         if not moving:
+            self._unseen.begin()
             return sensor
+        unseen = self._judge_unseen(bridge, recovers)
+        if unseen is not None:
+            return unseen
         self._relief_left_s -= dt_s
         relieves = self.relieves(mode)
         if relieves and sensor is not None and sensor.name == OVERLOAD:
@@ -295,6 +308,24 @@ class SafetyEnvelope:
         self._missed_s = self._missed_s + dt_s if missed else 0.0
         return self._missed_s > MISSED_S
 
+    def _judge_unseen(self, bridge: Bridge, recovers: bool) -> BridgeFault | None:
+        limb = self._note_unseen(bridge)
+        # While limbs search, or without a pose, too much is felt that no estimate explains.
+        if limb < 0 or self._pose_lost or not (recovers or bridge.zeroed.all()):
+            self._unseen.limb = -1
+            return None
+        return unseen_fault(limb, self._unseen.force)
+
+    def _note_unseen(self, bridge: Bridge) -> int:
+        return self._unseen.note(
+            bridge.wrench,
+            self._limbs["bound"],
+            bridge.structure,
+            bridge.rotation,
+            bridge.wound_length,
+            bridge.count_length,
+        )
+
     def _judge_sensor(self, dt_s: float, bridge: Bridge) -> BridgeFault | None:
         rule, gauge = rules.judge_sensor(
             # A gap proves nothing of the samples that are missing.
@@ -305,29 +336,7 @@ class SafetyEnvelope:
             self._config.sensor_flat,
             self._since_flat,
         )
-        if rule == Rule.FINE:
-            # An axis can be beyond the sensor's range while every gauge is still valid.
-            said = bridge.saturation
-            return (
-                BridgeFault(FaultName.SENSOR_SATURATED, f"force/torque sensor: {said}")
-                if said
-                else None
-            )
-        if rule == Rule.SENSOR_INVALID:
-            return BridgeFault(
-                FaultName.SENSOR_INVALID, f"force/torque sensor: gauge {gauge} is not a number"
-            )
-        volts = float(bridge.gauges[gauge])
-        if rule == Rule.SENSOR_SATURATED:
-            return BridgeFault(
-                FaultName.SENSOR_SATURATED,
-                f"force/torque sensor: a gauge is saturated: {gauge} at {volts:.2f} V",
-            )
-        return BridgeFault(
-            FaultName.SENSOR_FLAT,
-            f"force/torque sensor: gauge {gauge} has shown {volts:.4f} V for "
-            f"{self._config.sensor_flat:g} s: a broken wire?",
-        )
+        return sensor_fault(rule, gauge, bridge, self._config)
 
     def _judge_wrench(self, dt_s: float, bridge: Bridge, mode: OperatingMode) -> BridgeFault | None:
         self._wrench_watch["in_all"] = mode not in LOADED
@@ -341,23 +350,14 @@ class SafetyEnvelope:
             self._limbs,
         )
         if rule == Rule.WRENCH:
-            kind, unit = ("force", "N") if axis < 3 else ("torque", "N m")
-            return BridgeFault(
-                FaultName.WRENCH,
-                f"{kind} {AXES[axis % 3]} is {bridge.wrench[axis]:.1f} {unit}, or will be more "
-                f"before the motors can be stopped; {self._wrench_max[axis]:g} {unit} allowed",
-            )
+            return wrench_fault(axis, bridge.wrench, self._config)
         if mode in SEARCHING and not bridge.zeroed.all():
             return self._search.judge(bridge, mode)
         if mode not in BY_TENSION or not bridge.zeroed.all():
             self._wrench_watch["apart_s"] = 0.0
             return None
         if rule == Rule.ESTIMATE:
-            return BridgeFault(
-                FaultName.ESTIMATE,
-                "the force/torque sensor and the tension estimates disagree by more than "
-                f"{self._config.estimate_force:g} N or {self._config.estimate_torque:g} N m",
-            )
+            return estimate_fault(self._config)
         return None
 
     def _judge_changes(

@@ -267,7 +267,8 @@ class BridgeGuard:
         """Take the reaction's next step."""
         speed = self.safety.braking_speed(self._doubted)
         fault = self.fault
-        if fault is not None and fault.name == FaultName.MOTION and self.safety.drives:
+        own = fault is not None and fault.name == FaultName.MOTION and self.safety.drives
+        if own or self.safety.drives_unseen:
             self._rest_all()
         dt_s, self._last_s = now_s - self._last_s, now_s
         if self._growth.grows(dt_s, bridge, self.safety.tension_bound):

@@ -72,6 +72,22 @@ def limb_fault(rule: Rule, i: int, limb: Any, limits: Any, config: SafetyConfig)
     return BridgeFault(name, f"{limb_name(i)}: {reason}", -1 if rule == Rule.TENSION else i)
 
 
+def unseen_fault(i: int, force: float) -> BridgeFault:
+    """Return the fault of a limb that pulls more and more while its encoder stands still.
+
+    Args:
+        i: limb, from 0.
+        force: that the sensor feels along its cable, beyond all estimates [N].
+    """
+    return BridgeFault(
+        FaultName.MOTION,
+        f"{limb_name(i)}: the sensor feels its cable pull {force:.1f} N more within "
+        "milliseconds, and its encoder stands still: does its amplifier drive by itself, with a "
+        "broken encoder?",
+        i,
+    )
+
+
 def missing_force(i: int, bridge: Bridge) -> float:
     """Force that the sensor misses of what all tensions say, along a limb's cable [N].
 

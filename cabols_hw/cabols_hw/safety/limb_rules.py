@@ -10,7 +10,9 @@ import numpy as np
 from cabols_control.checks import BoolArray, FloatArray
 from cabols_control.compiling import njit
 from cabols_control.load_programs.stopping import BRAKE_LAG_S
+from cabols_control.rig import Rig
 from cabols_hw.bridge.braking import RESPONSE_S
+from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.rules import Rule
 from cabols_hw.safety.surges import LONG_SAMPLE_S, SURGE_SAMPLES, SURPLUS_AS, note_surge
 
@@ -91,6 +93,37 @@ LIMB_WATCH = np.dtype(
     align=True,
 )
 """Model and memory of one limb."""
+
+
+def limits_of(config: SafetyConfig, rig: Rig, current_limit: float) -> Any:
+    """Return the (1,) record of LIMB_LIMITS.
+
+    Args:
+        config: limits of the file.
+        rig: with the switches' tension.
+        current_limit: what the bridge limits currents to [A].
+    """
+    limits = np.zeros(1, LIMB_LIMITS)
+    for name in limits.dtype.names or ():
+        limits[name] = getattr(config, name, 0.0)
+    limits["current_limit"], limits["switch_tension"] = current_limit, rig.limbs.switch_tension
+    return limits
+
+
+def watch_of(rig: Rig, stop_time_s: float, current_limit: float) -> Any:
+    """Return the (n,) records of LIMB_WATCH of a start.
+
+    Args:
+        rig: with the motors' model.
+        stop_time_s: in which full current stops a motor at its most speed [s].
+        current_limit: that current [A].
+    """
+    watch = np.zeros(rig.geometry.cables, LIMB_WATCH)
+    watch["gain"], watch["time_constant"] = rig.limbs.gain, rig.limbs.time_constant
+    watch["most_speed"] = stop_time_s * watch["gain"] / watch["time_constant"] * current_limit
+    for name in ("last_wound", "last_speed", "leapt_from", "began", "slack_stretch"):
+        watch[name] = np.nan
+    return watch
 
 
 @njit(cache=True)

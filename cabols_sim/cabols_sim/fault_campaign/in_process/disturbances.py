@@ -26,6 +26,7 @@ from cabols_sim.fault_campaign.in_process.joint_strikes import (
     one_limb,
     outputs_frozen,
     snags,
+    stands_and_drives,
     together,
     wrench_back,
 )
@@ -259,6 +260,12 @@ JOINT = (
         "amplifier offset, gauges late",
         together(injected("amplifier_offset", 0.5, 2.0), senses(gauges_late)),
         SOON_S,
+        amplifier=True,
+    ),
+    Disturbance(
+        "encoder stands, its amplifier offset",
+        stands_and_drives(0.5, 1.2),
+        SENSOR_S,
         amplifier=True,
     ),
     Disturbance(

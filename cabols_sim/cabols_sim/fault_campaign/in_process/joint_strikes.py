@@ -48,6 +48,22 @@ def one_limb(*faults: str) -> Strike:
     return strike
 
 
+def stands_and_drives(low: float, high: float) -> Strike:
+    """Return an encoder that stands still at an amplifier that adds a current of its own.
+
+    Args:
+        low: least current [A].
+        high: largest current [A].
+    """
+
+    def strike(rig: LockstepRig, random: np.random.Generator) -> None:
+        limb = int(random.integers(rig.rig.geometry.cables))
+        rig.plant.inject("encoder_frozen", limb)
+        rig.plant.inject("amplifier_offset", limb, random.uniform(low, high))
+
+    return strike
+
+
 def amplifier(
     fault: Callable[[LockstepRig, np.random.Generator, float], Callable[[float], float]],
 ) -> Strike:

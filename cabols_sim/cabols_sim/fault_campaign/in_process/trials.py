@@ -214,12 +214,13 @@ def _driven(rig: LockstepRig) -> dict[int, float]:
     """Return the tension [N] that each limb may reach whose amplifier drives by itself.
 
     The amplifier is off within off_s; the motor then coasts by v T, in all k i t_off and what its
-    speed was before.
+    speed was before. Where the limb's encoder stands still only the sensor feels it, later: there
+    TENSION_N is the bound, as for all.
     """
     limbs, found = rig.rig.limbs, {}
     offset = rig.plant.faults.value("amplifier_offset")
     for limb in rig.plant.faults.limbs_with("amplifier_offset"):
-        if offset > 0.0:
+        if offset > 0.0 and limb not in rig.plant.faults.limbs_with("encoder_frozen"):
             gain = float(np.asarray(limbs.gain)[limb])
             current = offset + max(float(rig.plant.current[limb]), 0.0)
             coasts = max(float(rig.guard.safety.speed[limb]), 0.0)
