@@ -22,6 +22,7 @@ from cabols_control.configuration import read_yaml
 from cabols_control.errors import ShapeError
 from cabols_control.kinematics import cable_lengths, structure_matrix
 from cabols_control.rig import load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.supervision.modes import OperatingMode
 from one_process import OneProcess
@@ -266,8 +267,15 @@ def test_control_knows_the_least_play_of_those_found_if_asked(tmp_path, rig):
     assert (known.limbs.backlash, known.control.preview_delay) == (1.5e-4, 0.0)
     assert commissioned_rig(rig, results).limbs.backlash == 0.0
     assert commissioned_rig(rig, results).control == rig.control
-    write_results(tmp_path, rig, results, know_backlash=True)
-    assert load_rig(limbs=tmp_path / "limbs.yaml").limbs.backlash == 1.5e-4
+    text = rig_file("control.yaml").read_text()
+    for given in (text, text.replace("preview_delay: 0.002", "# none")):
+        write_results(tmp_path, rig, results, know_backlash=True, control_text=given)
+        again = load_rig(limbs=tmp_path / "limbs.yaml", control=tmp_path / "control.yaml")
+        assert again.limbs.backlash == 1.5e-4
+        assert again.control == known.control
+    assert set((tmp_path / "control.yaml").read_text().splitlines()) >= {text.splitlines()[0]}
+    write_results(tmp_path / "unknown", rig, results, control_text=text)
+    assert not (tmp_path / "unknown" / "control.yaml").exists()
     nothing = {3: LimbResult(3, 1.5, 0.33)}
     assert commissioned_rig(rig, nothing, know_backlash=True).limbs.backlash == 0.0
 

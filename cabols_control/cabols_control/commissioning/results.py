@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -214,14 +215,18 @@ def write_results(
     rig: Rig,
     results: Mapping[int, LimbResult],
     know_backlash: bool = False,
+    control_text: str = "",
 ) -> list[Path]:
     """Write limbs.yaml (loads with load_rig), gains.yaml and table.txt.
+
+    Where control is to know the gears' play, control.yaml is written, too, if its text is given.
 
     Args:
         folder: made if it is missing.
         rig: as configured; its values stay for limbs that were not commissioned.
         results: by limb.
         know_backlash: whether limbs.yaml tells the gears' play, too.
+        control_text: of the rig's control.yaml; all but its preview_delay stays as it is.
 
     Returns:
         The paths.
@@ -234,6 +239,8 @@ def write_results(
         "gains.yaml": _gains_text(new),
         "table.txt": table(rig, results) + "\n",
     }
+    if control_text and new.control.preview_delay != rig.control.preview_delay:
+        texts["control.yaml"] = _with_delay(control_text, new.control.preview_delay)
     for name, text in texts.items():
         (target / name).write_text(text, encoding="utf-8")
     return [target / name for name in texts]
@@ -257,6 +264,13 @@ def _limbs_text(rig: Rig, results: Mapping[int, LimbResult]) -> str:
         values["gear"] = asdict(limbs.gear)
     head = "# Limbs by commissioning, limb 1 first: N/m, N, m/s/A, s.\n"
     return head + note + yaml.safe_dump(values, sort_keys=False, default_flow_style=None)
+
+
+def _with_delay(text: str, delay: float) -> str:
+    """Return the text of a control.yaml with another preview_delay [s], comments kept."""
+    line = f"preview_delay: {delay}"
+    changed, count = re.subn(r"^preview_delay:[^#\n]*?(?=[ \t]*(#|$))", line, text, flags=re.M)
+    return changed if count else f"{text.rstrip()}\n{line}\n"
 
 
 def _rounded(value: float | list[float]) -> float | list[float]:

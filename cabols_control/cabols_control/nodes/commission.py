@@ -36,14 +36,15 @@ from cabols_control.files.output_folder import MARKER, output_folder
 from cabols_control.kinematics import structure_matrix
 from cabols_control.naming import limb_index, limb_name, number
 from cabols_control.rig import Rig, load_rig
+from cabols_control.rig_folder import rig_file
 from cabols_control.ros.limb_actions.commissioning import commission_limb
 from cabols_control.ros.limb_actions.trace import LimbTrace
 from cabols_control.ros.rig_client import RigClient
 
 PHASES = ("", "pre-tightening", "slacken", "stand", "step", "coast", "brake", "back", "ramp")
 WITH_BACKLASH = (
-    "limbs.yaml tells the gears' play: with it the loop's own delay is smaller, so write "
-    "`preview_delay: 0.0` into control.yaml (docs/moving.md)"
+    "limbs.yaml tells the gears' play: with it the loop's own delay is smaller, so that "
+    "control.yaml has `preview_delay: 0.0`: take both (docs/moving.md)"
 )
 LIMB_S = 180.0
 """Longest commissioning of one limb [s]."""
@@ -233,7 +234,9 @@ def _commission(
             return fail(f"{limb_name(limb)}: {result.message}", FAILED)
         results[limb] = result
         # After each limb, so that an interruption keeps the results so far.
-        write_results(arguments.output, rig, results, arguments.backlash)
+        control = rig_file("control.yaml", arguments.control_file, arguments.rig)
+        text = control.read_text(encoding="utf-8")
+        write_results(arguments.output, rig, results, arguments.backlash, text)
         tool.draw(result, arguments.output)
         save(draw_overview(rig, results), arguments.output / "overview.png")
     return DONE
