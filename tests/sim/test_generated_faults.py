@@ -132,6 +132,7 @@ def made(**changes):
         "full": False,
         "by_robot": False,
         "blind": False,
+        "uncounted": False,
         "beyond_drive_n": None,
         "within_s": 0.05,
         "detected": True,
@@ -163,6 +164,7 @@ def test_claims_hold_and_each_is_broken_by_its_own_trial():
         {"by_robot": True, "safe_time_s": 0.36},
         {"blind": True, "safe_time_s": 0.61},
         {"blind": True, "safe_time_s": 0.3, "growth_n": 10.1},
+        {"blind": True, "uncounted": True, "safe_time_s": 0.3, "growth_n": 35.1},
         {"by_robot": True, "safe_time_s": 0.2, "beyond_robot_n": 5.1},
     )
     for changes in broken:

@@ -270,6 +270,22 @@ def test_amplifier_that_drives_past_an_encoder_that_stands(bench, state, own_a, 
     assert peak < 150.0
 
 
+@pytest.mark.parametrize(("state", "seed"), [("loading", 26), ("path under load", 29)])
+def test_what_pulls_against_a_braked_motor_does_not_let_go(bench, state, seed):
+    """A limb's current is reversed as another load is asked for: 15.1 N m on the robot before."""
+    trial = run_trial(bench, kind(f"{state}: current reversed, one limb"), seed)
+    assert trial["detected"]
+    assert (np.array(trial["peak_axes"]) <= SENSOR_RANGE).all(), trial
+
+
+def test_motors_that_do_as_they_are_told_are_braked_on(bench):
+    """Without zeros cables pull more than their bounds say: all was switched off, and 85 N."""
+    trial = run_trial(bench, kind("started: current reversed, one limb"), 4)
+    assert trial["found_by"] == "cable_speed"
+    assert trial["safe_time_s"] <= 0.05
+    assert trial["peak_tension_n"] < 30.0
+
+
 @pytest.mark.parametrize("state", ["stopped", "free"])
 def test_robot_stands_where_gears_hold_a_cable(bench, state):
     """Nothing follows it in STOPPED: 843 N."""

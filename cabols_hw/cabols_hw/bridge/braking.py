@@ -79,17 +79,20 @@ class Braking:
         self._motors = Motors(rig)
         self.braked: BoolArray = np.zeros(rig.geometry.cables, dtype=np.bool_)
         self._end_s = -np.inf
+        self._all = False
         self.current = np.zeros(rig.geometry.cables)
         self.active = False
 
-    def begin(self, now_s: float) -> None:
+    def begin(self, now_s: float, all_motors: bool = False) -> None:
         """Brake from now on.
 
         Args:
             now_s: now [s].
+            all_motors: whether motors that pay out are stopped, too, until those that wind in
+                stand: what pulls against them must not let go meanwhile.
         """
         self._end_s = now_s + LONGEST_BRAKING_S
-        self.active = True
+        self.active, self._all = True, all_motors
 
     def step(self, now_s: float, speed: FloatArray) -> FloatArray:
         """Return the (n,) currents [A] for one sample; zero once it is over.
@@ -99,6 +102,8 @@ class Braking:
             speed: (n,) of the motors, winding in [m/s].
         """
         self.braked = speed > STILL_M_S
+        if self._all and self.braked.any():
+            self.braked = np.ones_like(self.braked)
         return self.brake(now_s, speed)
 
     def brake(self, now_s: float, speed: FloatArray) -> FloatArray:

@@ -134,7 +134,7 @@ class SafetyEnvelope:
         surges = np.abs(watch["surge"]) >= SURGE_SAMPLES
         charge = np.maximum(watch["surplus"], watch["against"])
         drives = ahead | surges | (charge > SURPLUS_AS)
-        return bool(((drives & (watch["stepped"] == 0.0)) | (charge > CERTAIN_AS)).any())
+        return bool((drives & (watch["stepped"] == 0.0) | (charge > CERTAIN_AS)).any())
 
     @property
     def drives_unseen(self) -> bool:
@@ -230,8 +230,7 @@ class SafetyEnvelope:
         if not moving:
             self._unseen.begin()
             return sensor
-        unseen = self._judge_unseen(bridge, recovers)
-        if unseen is not None:
+        if (unseen := self._judge_unseen(bridge, recovers)) is not None:
             return unseen
         self._relief_left_s -= dt_s
         relieves = self.relieves(mode)
@@ -310,11 +309,12 @@ class SafetyEnvelope:
 
     def _judge_unseen(self, bridge: Bridge, recovers: bool) -> BridgeFault | None:
         limb = self._note_unseen(bridge)
-        # While limbs search, or without a pose, too much is felt that no estimate explains.
-        if limb < 0 or self._pose_lost or not (recovers or bridge.zeroed.all()):
-            self._unseen.limb = -1
-            return None
-        return unseen_fault(limb, self._unseen.force)
+        # Without a zero, too much is felt that no estimate explains, unless a motor is behind, too.
+        known = bridge.zeroed.all() or (recovers and self.doubtful[limb])
+        if limb >= 0 and known and not self._pose_lost:
+            return unseen_fault(limb, self._unseen.force)
+        self._unseen.limb = -1
+        return None
 
     def _note_unseen(self, bridge: Bridge) -> int:
         return self._unseen.note(

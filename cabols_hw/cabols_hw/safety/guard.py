@@ -258,7 +258,7 @@ class BridgeGuard:
         if fault.name == FaultName.MOTION:
             self._trusted &= ~self._doubted
         if sound:
-            self.braking.begin(now_s)
+            self.braking.begin(now_s, fault.name == FaultName.WRENCH)
         if fault.name not in SENSOR_LOST:
             lost = fault.name in POSE_LOST
             self._growth.begin(bridge, self.safety.tension_bound, lost)
@@ -271,7 +271,10 @@ class BridgeGuard:
         if own or self.safety.drives_unseen:
             self._rest_all()
         dt_s, self._last_s = now_s - self._last_s, now_s
-        if self._growth.grows(dt_s, bridge, self.safety.tension_bound):
+        grows = self._growth.grows(dt_s, bridge, self.safety.tension_bound)
+        # Without zeros a cable may pull before its bound says so: while all motors do as they are
+        # told, they are under control.
+        if grows and (bridge.zeroed.all() or self._doubted.any()):
             # Neither encoders nor currents tell it: nothing that the bridge does may go on.
             self._rest_all()
         braked = self.braking.active

@@ -21,6 +21,7 @@ from cabols_sim.fault_campaign.in_process.controller_strikes import (
 )
 from cabols_sim.fault_campaign.in_process.joint_strikes import (
     amplifier,
+    asks_anew,
     bridge_back,
     limbs_back,
     one_limb,
@@ -87,6 +88,8 @@ class Disturbance:
         amplifier: whether an amplifier itself drives: then no current stops the motor.
         held: whether a motor cannot turn, or no limb can know that it pulls: then a cable is
             stretched until the robot stands.
+        uncounted: whether a motor may turn that no encoder counts. It may be its amplifier that
+            drives it: all are switched off, and coast, and give way to no robot.
     """
 
     name: str
@@ -95,6 +98,7 @@ class Disturbance:
     latent: frozenset[str] = frozenset()
     amplifier: bool = False
     held: bool = False
+    uncounted: bool = False
 
 
 RESTS = frozenset({"loading", "free"})
@@ -128,13 +132,25 @@ BROKEN = (
         RESTS | FREE | ZEROING,
     ),
     Disturbance("encoder jumps", injected("encoder_jump", 0.003, 0.02, True), SOON_S),
-    Disturbance("encoder frozen", injected("encoder_frozen"), LATE_S, RESTS),
+    Disturbance("encoder frozen", injected("encoder_frozen"), LATE_S, RESTS, uncounted=True),
     Disturbance("encoder loses counts", count_loss, SEARCH_S, frozenset({"started"})),
-    Disturbance("encoders of a connector frozen", several("encoder_frozen", half), LATE_S, RESTS),
     Disturbance(
-        "encoder of the highest frozen", at_highest("encoder_frozen"), LATE_S, RESTS | SLACK
+        "encoders of a connector frozen",
+        several("encoder_frozen", half),
+        LATE_S,
+        RESTS,
+        uncounted=True,
     ),
-    Disturbance("two encoders frozen", several("encoder_frozen", two_limbs), LATE_S, RESTS),
+    Disturbance(
+        "encoder of the highest frozen",
+        at_highest("encoder_frozen"),
+        LATE_S,
+        RESTS | SLACK,
+        uncounted=True,
+    ),
+    Disturbance(
+        "two encoders frozen", several("encoder_frozen", two_limbs), LATE_S, RESTS, uncounted=True
+    ),
     Disturbance("two cables break", several("cable_break", two_limbs), LATE_S, LIGHT),
     Disturbance("two switches stuck open", several("switch_open", two_limbs), SEARCH_S, LIGHT),
     Disturbance(
@@ -196,7 +212,12 @@ WRONG = (
     Disturbance("currents noisy", currents(noisy(0.2, 2.0)), LATE_S, EVERY),
     Disturbance("currents late", currents(late(5, 40)), LATE_S, EVERY),
     Disturbance("currents stuck", currents(stuck), LATE_S, EVERY),
-    Disturbance("current reversed, one limb", currents(one_reversed), LATE_S, FREE),
+    Disturbance(
+        "current reversed, one limb",
+        together(currents(one_reversed), asks_anew),
+        LATE_S,
+        FREE | RESTS,
+    ),
     Disturbance("currents in other units", currents(scaled(1e3, 1e-3, 9.81)), LATE_S, EVERY),
     Disturbance("currents of other limbs", currents(shifted), LATE_S, RESTS),
     Disturbance("currents swing", currents(swinging(1.0, 3.0, 3.0, 50.0)), LATE_S, EVERY),
@@ -217,8 +238,10 @@ WRONG = (
 """Controllers that go wrong. Where what they do stays within the envelope, only the bounds hold."""
 
 SIGNALS = (
-    Disturbance("all inputs frozen", senses(card_frozen), SENSOR_S),
-    Disturbance("encoders and switches frozen", senses(digital_frozen), LATE_S, RESTS),
+    Disturbance("all inputs frozen", senses(card_frozen), SENSOR_S, uncounted=True),
+    Disturbance(
+        "encoders and switches frozen", senses(digital_frozen), LATE_S, RESTS, uncounted=True
+    ),
     Disturbance("all inputs late", senses(inputs_late), LATE_S, RESTS),
     Disturbance("a bit of an encoder stuck", senses(encoder_bit), LATE_S, EVERY),
     Disturbance("encoder noisy", senses(encoder_noise), SOON_S),
@@ -234,7 +257,11 @@ SIGNALS = (
 
 JOINT = (
     Disturbance(
-        "encoder and switch frozen", one_limb("encoder_frozen", "switch_closed"), LATE_S, LIGHT
+        "encoder and switch frozen",
+        one_limb("encoder_frozen", "switch_closed"),
+        LATE_S,
+        LIGHT,
+        uncounted=True,
     ),
     Disturbance(
         "cable breaks, its switch closed", one_limb("cable_break", "switch_closed"), LATE_S, LIGHT

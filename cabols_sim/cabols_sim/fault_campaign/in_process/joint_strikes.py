@@ -14,6 +14,8 @@ from cabols_control.wrench_control.controller import WrenchController
 from cabols_sim.fault_campaign.in_process.rig import LockstepRig
 from cabols_sim.fault_campaign.in_process.strikes import WATCH_S, Strike
 
+ASKED_N = 60.0
+"""Load that is asked for anew [N]."""
 BACK_S = (0.02, 0.4)
 """After which a process that has ended runs again [s]."""
 
@@ -46,6 +48,17 @@ def one_limb(*faults: str) -> Strike:
             rig.plant.inject(fault, limb)
 
     return strike
+
+
+def asks_anew(rig: LockstepRig, random: np.random.Generator) -> None:
+    """Ask for another load, as a programme does: in LOADING currents flow then.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
+    direction = random.normal(size=3)
+    rig.desired[:3] = ASKED_N * direction / np.linalg.norm(direction)
 
 
 def stands_and_drives(low: float, high: float) -> Strike:

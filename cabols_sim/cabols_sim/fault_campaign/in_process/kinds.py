@@ -18,7 +18,13 @@ from cabols_sim.fault_campaign.in_process.strikes import miswired
 DISTURBANCES = (*BROKEN, *WRONG, *SIGNALS, *JOINT)
 """Every way; each meets each state below."""
 
-MOVED = {"path under load": ("encoders of a connector frozen", "amplifiers' supply lost")}
+MOVED = {
+    "path under load": (
+        "encoders of a connector frozen",
+        "amplifiers' supply lost",
+        "current reversed, one limb",
+    )
+}
 """What shows where the platform moves, though not where it stands."""
 HARDER = frozenset(
     {
@@ -105,14 +111,15 @@ class GeneratedKind:
     @property
     def by_robot(self) -> bool:
         """Whether a motor that cannot give way meets a robot that moves: it has to brake first."""
-        moves = self.state in ROBOT_MOVES
-        return moves and (self.disturbance.held or self.disturbance.amplifier)
+        how = self.disturbance
+        return self.state in ROBOT_MOVES and (how.held or how.amplifier or how.uncounted)
 
     @property
     def blind(self) -> bool:
         """Whether an encoder is not its motor's: no motor can be braked by it, and all are off."""
         name = self.disturbance.name
-        return self.state == WIRED and ("motor" in name or "encoder" in name)
+        miswired = self.state == WIRED and ("motor" in name or "encoder" in name)
+        return miswired or (self.disturbance.uncounted and self.state not in ROBOT_MOVES)
 
     @property
     def latent(self) -> bool:

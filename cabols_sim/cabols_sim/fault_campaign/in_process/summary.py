@@ -20,6 +20,8 @@ COAST_S = 0.65
 """Longest coasting of a motor whose amplifier was switched off, as nothing else can stop it [s]."""
 BLIND_N = 10.0
 """Most that a cable gains while motors coast whose encoders are wired to others [N]."""
+UNCOUNTED_N = 35.0
+"""The same where an encoder stands still: its motor may wind in until the sensor feels it [N]."""
 ROBOT_S = HEARTBEAT_S + BRAKE_S + 0.01
 """Longest time until the robot stands [s]: the cable of a motor that cannot turn is safe then."""
 
@@ -77,13 +79,13 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "blind_coasting": _slower(blind, SAFE_WITHIN_S),
         "blind_max_n": max((t["growth_n"] for t in blind), default=0.0),
         "blind_too_long": _slower(blind, COAST_S),
-        "beyond_blind": sum(t["growth_n"] > BLIND_N for t in blind),
+        "beyond_blind": sum(t["growth_n"] > _coasts_n(t, BLIND_N) for t in blind),
         "by_robot": len(robots),
         "robot_brakes": _slower(robots, SAFE_WITHIN_S),
         "robot_max_s": _longest(robots),
         "robot_max_n": max((t["growth_n"] for t in robots), default=0.0),
         "robot_too_long": _slower(robots, ROBOT_S),
-        "beyond_robot": sum(t["beyond_robot_n"] > TOLERANCE_N for t in robots),
+        "beyond_robot": sum(t["beyond_robot_n"] > _coasts_n(t, TOLERANCE_N) for t in robots),
         "safe_median_s": median,
         "median_too_long": int(not median <= MEDIAN_S),
         "peak_tension_n": max((t["peak_tension_n"] for t in trials), default=0.0),
@@ -105,6 +107,10 @@ def generated_holds(summary: dict[str, Any]) -> bool:
 
 def _slower(trials: Sequence[dict[str, Any]], most_s: float) -> int:
     return sum(t["safe_time_s"] > most_s for t in trials)
+
+
+def _coasts_n(trial: dict[str, Any], else_n: float) -> float:
+    return UNCOUNTED_N if trial["uncounted"] else else_n
 
 
 def _longest(trials: Sequence[dict[str, Any]]) -> float:
@@ -165,9 +171,10 @@ def generated_text(summary: dict[str, Any]) -> str:
         f"{1e3 * summary['coasting_max_s']:.0f} ms and {summary['coasting_max_n']:.1f} N; beyond "
         f"k_e k i t_off {summary['beyond_drive']}, longer than {1e3 * COAST_S:.0f} ms "
         f"{summary['coasting_too_long']};\n"
-        f"- where a motor has another one's encoder, {summary['blind']}: coasting for longer than "
-        f"{within} in {summary['blind_coasting']}, at most {summary['blind_max_n']:.1f} N; beyond "
-        f"{BLIND_N:g} N {summary['beyond_blind']};\n"
+        f"- where a motor has another one's encoder, or none, {summary['blind']}: coasting for "
+        f"longer than {within} in {summary['blind_coasting']}, at most "
+        f"{summary['blind_max_n']:.1f} N; beyond {BLIND_N:g} or {UNCOUNTED_N:g} N "
+        f"{summary['beyond_blind']};\n"
         f"- where a motor cannot turn and the robot has to brake, {summary['by_robot']}: longer "
         f"than {within} in {summary['robot_brakes']}, at most "
         f"{1e3 * summary['robot_max_s']:.0f} ms and {summary['robot_max_n']:.1f} N; "

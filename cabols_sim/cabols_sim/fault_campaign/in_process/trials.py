@@ -201,6 +201,7 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
         "safe_time_s": _safe_s(times, tension, found_s),
         "by_robot": kind.by_robot,
         "blind": kind.blind,
+        "uncounted": kind.disturbance.uncounted,
         "growth_n": float(growth.max()),
         "beyond_robot_n": float((growth - by_ways).max()),
         "peak_tension_n": float(tension.max()),
