@@ -278,6 +278,17 @@ def test_what_pulls_against_a_braked_motor_does_not_let_go(bench, state, seed):
     assert (np.array(trial["peak_axes"]) <= SENSOR_RANGE).all(), trial
 
 
+@pytest.mark.parametrize("wrong", ["wrong current, all limbs", "wrong tension, all limbs"])
+@pytest.mark.parametrize("state", ["loading", "path under load", "free"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_sensor_that_is_stuck_hides_no_wrong_controller(bench, state, wrong, seed):
+    """Its noise goes on. Braking was given up as it felt nothing: 417 N, 55 N m on the robot."""
+    trial = run_trial(bench, kind(f"{state}: gauges stuck, {wrong}"), seed)
+    assert trial["detected"] or trial["latent"]
+    assert trial["peak_tension_n"] < 150.0
+    assert (np.array(trial["peak_axes"]) <= SENSOR_RANGE).all(), trial
+
+
 def test_motors_that_do_as_they_are_told_are_braked_on(bench):
     """Without zeros cables pull more than their bounds say: all was switched off, and 85 N."""
     trial = run_trial(bench, kind("started: current reversed, one limb"), 4)

@@ -272,9 +272,9 @@ class BridgeGuard:
             self._rest_all()
         dt_s, self._last_s = now_s - self._last_s, now_s
         grows = self._growth.grows(dt_s, bridge, self.safety.tension_bound)
-        # Without zeros a cable may pull before its bound says so: while all motors do as they are
-        # told, they are under control.
-        if grows and (bridge.zeroed.all() or self._doubted.any()):
+        # While all motors do as they are told they are under control: it is the sensor that has
+        # stopped, or without zeros a cable that pulls before its bound says so.
+        if grows and fault is not None and fault.name == FaultName.MOTION:
             # Neither encoders nor currents tell it: nothing that the bridge does may go on.
             self._rest_all()
         braked = self.braking.active

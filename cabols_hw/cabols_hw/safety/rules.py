@@ -99,6 +99,45 @@ def judge_sensor(
 
 
 @njit(cache=True)
+def _to_platform(rotation: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Turn a wrench (6,) from base to platform axes.
+
+    Args:
+        rotation: (3, 3) platform to base.
+        wrench: (6,) base axes [N, N m].
+    """
+    turned = np.zeros(6)
+    for k in range(3):
+        for axis in range(3):
+            turned[k] += rotation[axis, k] * wrench[axis]
+            turned[3 + k] += rotation[axis, k] * wrench[3 + axis]
+    return turned
+
+
+@njit(cache=True)
+def _axis_beyond(wrench: FloatArray, growth: FloatArray, most: FloatArray, in_all: bool) -> int:
+    """Find the axis in which a wrench grows beyond its limit, or -1.
+
+    Args:
+        wrench: (6,) now, platform axes [N, N m].
+        growth: (6,) that is added until motors stand, likewise.
+        most: (6,) limits, likewise.
+        in_all: whether they hold for force and torque in all, too.
+    """
+    shares = np.zeros(2)
+    for k in range(6):
+        after = wrench[k] + growth[k]
+        shares[k // 3] += (after / most[k]) ** 2
+        if abs(after) > most[k] and abs(after) > abs(wrench[k]):
+            return k
+    for part in range(2):
+        if in_all and shares[part] > 1.0:
+            first = 3 * part
+            return first + int(np.argmax(np.abs(wrench[first : first + 3])))
+    return -1
+
+
+@njit(cache=True)
 def judge_wrench(
     dt_s: float,
     watch: Any,
@@ -112,7 +151,7 @@ def judge_wrench(
 
     The limits hold for the wrench, for the one that it becomes until all motors that wind in can be
     stopped, and for the one until all motors stand: a cable that lets go adds to what its
-    antagonists pull.
+    antagonists pull. So they do for the wrench that the tension estimates make.
 
     Args:
         dt_s: since the sample before [s].
@@ -132,8 +171,12 @@ def judge_wrench(
         if not abs(wrench[k]) <= most[k]:
             return Rule.WRENCH.value, k
     added, released = np.zeros(6), np.zeros(6)
+    estimated, known = np.zeros(6), True
     for i in range(tension.shape[0]):
         ahead = limbs[i]["ahead"]
+        known = known and not np.isnan(tension[i])
+        for k in range(6):
+            estimated[k] += matrix[k, i] * tension[i]
         if ahead > 0.0:
             for k in range(6):
                 added[k] += matrix[k, i] * ahead
@@ -141,36 +184,20 @@ def judge_wrench(
             # What it goes on to let go until it stands, at most all that it has.
             for k in range(6):
                 released[k] += matrix[k, i] * max(ahead, -tension[i])
-    for after in range(2):
-        if after == 1:
-            added = STOPPED_SHARE * (added + released)
-        shares = np.zeros(2)
-        for k in range(3):
-            force, torque = wrench[k], wrench[3 + k]
-            for axis in range(3):
-                force += rotation[axis, k] * added[axis]
-                torque += rotation[axis, k] * added[3 + axis]
-            shares[0] += (force / most[k]) ** 2
-            shares[1] += (torque / most[3 + k]) ** 2
-            if abs(force) > most[k] and abs(force) > abs(wrench[k]):
-                return Rule.WRENCH.value, k
-            if abs(torque) > most[3 + k] and abs(torque) > abs(wrench[3 + k]):
-                return Rule.WRENCH.value, 3 + k
-        for part in range(2):
-            if own["in_all"] and shares[part] > 1.0:
-                first = 3 * part
-                return Rule.WRENCH.value, first + int(np.argmax(np.abs(wrench[first : first + 3])))
+    estimated = _to_platform(rotation, estimated)
+    added, released = _to_platform(rotation, added), _to_platform(rotation, released)
+    both = STOPPED_SHARE * (added + released)
+    for growth in (added, both):
+        axis = _axis_beyond(wrench, growth, most, own["in_all"] != 0)
+        if axis < 0 and known:
+            # A sensor that has stopped shows no load that grows.
+            axis = _axis_beyond(estimated, growth, most, own["in_all"] != 0)
+        if axis >= 0:
+            return Rule.WRENCH.value, axis
     force = torque = 0.0
-    for axis in range(3):
-        error_f = error_t = 0.0
-        for i in range(tension.shape[0]):
-            error_f += matrix[axis, i] * tension[i]
-            error_t += matrix[3 + axis, i] * tension[i]
-        for k in range(3):
-            error_f -= rotation[axis, k] * wrench[k]
-            error_t -= rotation[axis, k] * wrench[3 + k]
-        force += error_f * error_f
-        torque += error_t * error_t
+    for k in range(3):
+        force += (estimated[k] - wrench[k]) ** 2
+        torque += (estimated[3 + k] - wrench[3 + k]) ** 2
     apart = force > own["estimate_force"] ** 2 or torque > own["estimate_torque"] ** 2
     own["apart_s"] = own["apart_s"] + dt_s if apart else 0.0
     return (Rule.ESTIMATE.value if own["apart_s"] > own["estimate_time"] else Rule.FINE.value), -1

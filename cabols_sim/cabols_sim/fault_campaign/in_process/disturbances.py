@@ -37,6 +37,7 @@ from cabols_sim.fault_campaign.in_process.signal_strikes import (
     encoder_bit,
     encoder_noise,
     gauges_late,
+    gauges_stuck,
     gauges_times,
     inputs_late,
     pose_creeps,
@@ -247,6 +248,7 @@ SIGNALS = (
     Disturbance("encoder noisy", senses(encoder_noise), SOON_S),
     Disturbance("gauges of another supply", senses(gauges_times(0.5, 1.5)), SENSOR_S, EVERY),
     Disturbance("gauges late", senses(gauges_late), SENSOR_S),
+    Disturbance("gauges stuck, with noise", senses(gauges_stuck), LATE_S, EVERY),
     Disturbance("switches inverted", senses(switches_inverted), LATE_S, FREE | SLACK),
     Disturbance("pose noisy", poses(pose_noisy), LATE_S, FREE | SLACK),
     Disturbance("pose in millimetres", poses(pose_in_millimetres), SOON_S),
@@ -288,6 +290,22 @@ JOINT = (
         together(injected("amplifier_offset", 0.5, 2.0), senses(gauges_late)),
         SOON_S,
         amplifier=True,
+    ),
+    Disturbance(
+        "gauges stuck, wrong current, all limbs",
+        together(senses(gauges_stuck), wrong_current("all")),
+        LATE_S,
+    ),
+    Disturbance(
+        "gauges stuck, wrong current, one limb",
+        together(senses(gauges_stuck), wrong_current("one")),
+        LATE_S,
+    ),
+    Disturbance(
+        "gauges stuck, wrong tension, all limbs",
+        together(senses(gauges_stuck), wrong_tension(140.0, True)),
+        LATE_S,
+        FREE | SLACK | RESTS,
     ),
     Disturbance(
         "encoder stands, its amplifier offset",

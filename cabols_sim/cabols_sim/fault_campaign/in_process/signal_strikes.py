@@ -16,6 +16,9 @@ from cabols_sim.fault_campaign.in_process.strikes import Senses, Strike
 Change = Callable[[IntArray, FloatArray, BoolArray], Senses]
 PoseChange = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
+STUCK_V = 0.001
+"""Noise of a gauge that tells nothing any more [V]."""
+
 
 def senses(fault: Callable[[LockstepRig, np.random.Generator], Change]) -> Strike:
     """Return a strike at what the card reads.
@@ -164,6 +167,24 @@ def gauges_late(rig: LockstepRig, random: np.random.Generator) -> Change:
 
     def change(counts: IntArray, volts: FloatArray, lines: BoolArray) -> Senses:
         return counts, delayed(counts, volts, lines)[1], lines
+
+    return change
+
+
+def gauges_stuck(rig: LockstepRig, random: np.random.Generator) -> Change:
+    """Read the gauges as they were, with the noise that they have: no bit of them stands still.
+
+    Args:
+        rig: that is struck.
+        random: of the trial.
+    """
+    del rig
+    held: list[FloatArray] = []
+
+    def change(counts: IntArray, volts: FloatArray, lines: BoolArray) -> Senses:
+        if not held:
+            held.append(volts.copy())
+        return counts, held[0] + STUCK_V * random.normal(size=volts.size), lines
 
     return change
 
