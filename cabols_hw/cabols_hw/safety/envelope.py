@@ -310,8 +310,8 @@ class SafetyEnvelope:
     def _judge_unseen(self, bridge: Bridge, recovers: bool) -> BridgeFault | None:
         limb = self._note_unseen(bridge)
         # Without a zero, too much is felt that no estimate explains, unless a motor is behind, too.
-        known = bridge.zeroed.all() or (recovers and self.doubtful[limb])
-        if limb >= 0 and known and not self._pose_lost:
+        felt = limb >= 0 and not self._pose_lost
+        if felt and (bridge.zeroed.all() or (recovers and self.doubtful[limb])):
             return unseen_fault(limb, self._unseen.force)
         self._unseen.limb = -1
         return None
