@@ -119,22 +119,21 @@ class SafetyEnvelope:
         return doubtful
 
     @property
-    def drives(self) -> bool:
-        """Whether a motor goes on its own, beyond its current: its amplifier may be the fault.
+    def driving(self) -> BoolArray:
+        """(n,) motors that go on their own, beyond their current: amplifiers may be the fault.
 
         One that stays behind its current may be jammed or not be counted: its amplifier is sound.
         So is it where the speed went up in a single sample, as a current cannot make it, unless it
         goes on.
         """
-        if self.drives_unseen:
-            return True
         watch, speed = self._limbs, self.speed
         lasting = watch["motion_s"] > 0.5 * self._config.motion_time
         ahead = lasting & (watch["motion_sign"] * speed > STILL_M_S)
         surges = np.abs(watch["surge"]) >= SURGE_SAMPLES
         charge = np.maximum(watch["surplus"], watch["against"])
         drives = ahead | surges | (charge > SURPLUS_AS)
-        return bool((drives & (watch["stepped"] == 0.0) | (charge > CERTAIN_AS)).any())
+        found: BoolArray = drives & (watch["stepped"] == 0.0) | (charge > CERTAIN_AS)
+        return found
 
     @property
     def drives_unseen(self) -> bool:

@@ -78,10 +78,13 @@ BRAKED: frozenset[FaultName] = frozenset(
     | {name for name, reaction in FAULTS.items() if reaction is Reaction.UNLOAD}
 )
 """Faults that leave the amplifiers sound: motors that wind in are braked before anything else.
-After MOTION only where no motor goes beyond its current; see SafetyEnvelope.drives.
+After MOTION only where no motor goes beyond its current; see SafetyEnvelope.driving.
 
 A motor that is cut at 0.1 m/s coasts for v T, which adds 55 to 124 N on the reference bench.
 """
+
+DOUBTING: frozenset[FaultName] = frozenset({FaultName.MOTION, FaultName.ENCODER, FaultName.CURRENT})
+"""Faults after which a motor may do other than its encoder and its current say."""
 
 POSE_LOST: frozenset[FaultName] = frozenset(
     {FaultName.POSE, FaultName.POSE_SPEED, FaultName.POSE_AGE}

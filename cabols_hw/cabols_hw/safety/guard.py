@@ -17,6 +17,7 @@ from cabols_hw.safety.config import SafetyConfig
 from cabols_hw.safety.envelope import SafetyEnvelope
 from cabols_hw.safety.faults import (
     BRAKED,
+    DOUBTING,
     FOLLOWED,
     NOT_HELD,
     POSE_LOST,
@@ -250,7 +251,8 @@ class BridgeGuard:
         self._doubted[:] = self.safety.doubtful
         if fault.name == FaultName.ENCODER:
             self._doubted[fault.limb] = True
-        sound = fault.name in BRAKED and not (fault.name == FaultName.MOTION and self.safety.drives)
+        drives = self.safety.drives_unseen or self.safety.driving.any()
+        sound = fault.name in BRAKED and not (fault.name == FaultName.MOTION and drives)
         # A robot that may move goes on for a while, and a switch needs neither pose nor sensor.
         follows = self.safety.robot_moves(now_s, mode) and sound
         follows = follows and (self._unloads or fault.name in FOLLOWED)
@@ -267,14 +269,17 @@ class BridgeGuard:
         """Take the reaction's next step."""
         speed = self.safety.braking_speed(self._doubted)
         fault = self.fault
-        own = fault is not None and fault.name == FaultName.MOTION and self.safety.drives
-        if own or self.safety.drives_unseen:
+        drives = self.safety.driving
+        if fault is not None and fault.name != FaultName.MOTION:
+            # What an encoder tells that is not believed is no reason. A softer fault is replaced.
+            drives = drives & ~self._doubted & (fault.reaction == Reaction.CUT)
+        if drives.any() or self.safety.drives_unseen:
             self._rest_all()
         dt_s, self._last_s = now_s - self._last_s, now_s
         grows = self._growth.grows(dt_s, bridge, self.safety.tension_bound)
         # While all motors do as they are told they are under control: it is the sensor that has
         # stopped, or without zeros a cable that pulls before its bound says so.
-        if grows and fault is not None and fault.name == FaultName.MOTION:
+        if grows and fault is not None and fault.name in DOUBTING:
             # Neither encoders nor currents tell it: nothing that the bridge does may go on.
             self._rest_all()
         braked = self.braking.active
