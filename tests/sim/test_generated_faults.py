@@ -133,6 +133,7 @@ def made(**changes):
         "by_robot": False,
         "blind": False,
         "uncounted": False,
+        "pair": False,
         "beyond_drive_n": None,
         "within_s": 0.05,
         "detected": True,

@@ -91,6 +91,7 @@ class Disturbance:
             stretched until the robot stands.
         uncounted: whether a motor may turn that no encoder counts. It may be its amplifier that
             drives it: all are switched off, and coast, and give way to no robot.
+        pair: whether it is two others: only the bounds of tension and wrench hold.
     """
 
     name: str
@@ -100,6 +101,7 @@ class Disturbance:
     amplifier: bool = False
     held: bool = False
     uncounted: bool = False
+    pair: bool = False
 
 
 RESTS = frozenset({"loading", "free"})

@@ -13,9 +13,11 @@ from cabols_sim.fault_campaign.in_process.disturbances import (
     WRONG,
     Disturbance,
 )
+from cabols_sim.fault_campaign.in_process.pairs import two_of
 from cabols_sim.fault_campaign.in_process.strikes import miswired
 
-DISTURBANCES = (*BROKEN, *WRONG, *SIGNALS, *JOINT)
+SINGLES = (*BROKEN, *WRONG, *SIGNALS)
+DISTURBANCES = (*SINGLES, *JOINT, two_of(SINGLES, WRONG))
 """Every way; each meets each state below."""
 
 MOVED = {
@@ -125,6 +127,8 @@ class GeneratedKind:
     def latent(self) -> bool:
         """Whether only the bounds hold, as nothing depends on it yet."""
         name = self.disturbance.name
+        if self.disturbance.pair:
+            return True
         if self.state == "second fault":
             return name not in HARDER
         if self.state == "stopped":

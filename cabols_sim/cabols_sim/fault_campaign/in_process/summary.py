@@ -53,7 +53,8 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
     for trial in trials:
         by_kind.setdefault(trial["kind"], []).append(trial)
     judged = [t for t in trials if not t["latent"]]
-    found = [t for t in trials if t["detected"]]
+    single = [t for t in trials if not t.get("pair", False)]
+    found = [t for t in single if t["detected"]]
     safe = [t["safe_time_s"] for t in found]
     coasts = [t for t in found if t["amplifier"]]
     robots = [t for t in found if t["by_robot"] and not t["amplifier"]]
@@ -74,7 +75,7 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "coasting_max_s": _longest(coasts),
         "coasting_max_n": max((t["growth_n"] for t in coasts), default=0.0),
         "coasting_too_long": _slower([t for t in coasts if not t["by_robot"]], COAST_S),
-        "beyond_drive": sum((t["beyond_drive_n"] or 0.0) > 0.0 for t in trials),
+        "beyond_drive": sum((t["beyond_drive_n"] or 0.0) > 0.0 for t in single),
         "blind": len(blind),
         "blind_coasting": _slower(blind, SAFE_WITHIN_S),
         "blind_max_n": max((t["growth_n"] for t in blind), default=0.0),
@@ -92,6 +93,7 @@ def summarise_generated(trials: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "tension_exceeded": sum(t["peak_tension_n"] > TENSION_N for t in trials if not t["full"]),
         "tension_exceeded_full": sum(t["peak_tension_n"] > TENSION_N for t in trials if t["full"]),
         "robot_exceeded": sum(_beyond(t) for t in trials),
+        "pairs": len(trials) - len(single),
         "unusable": sum(not t["healthy"] for t in trials),
     }
 
@@ -110,7 +112,7 @@ def _slower(trials: Sequence[dict[str, Any]], most_s: float) -> int:
 
 
 def _coasts_n(trial: dict[str, Any], else_n: float) -> float:
-    return UNCOUNTED_N if trial["uncounted"] else else_n
+    return UNCOUNTED_N if trial.get("uncounted", False) else else_n
 
 
 def _longest(trials: Sequence[dict[str, Any]]) -> float:
@@ -180,6 +182,7 @@ def generated_text(summary: dict[str, Any]) -> str:
         f"{1e3 * summary['robot_max_s']:.0f} ms and {summary['robot_max_n']:.1f} N; "
         f"longer than the robot's own {1e3 * ROBOT_S:.0f} ms {summary['robot_too_long']}, "
         f"beyond k_e times its way {summary['beyond_robot']}.\n"
+        f"Of {summary['pairs']} pairs of faults only these bounds are judged:\n"
         f"Beyond {TENSION_N:g} N {summary['tension_exceeded']}, and "
         f"{summary['tension_exceeded_full']} by an amplifier that delivers all; highest "
         f"{summary['peak_tension_n']:.1f} N. Robot beyond the sensor's range "

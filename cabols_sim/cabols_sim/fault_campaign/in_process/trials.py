@@ -202,6 +202,7 @@ def run_trial(bench: Bench, kind: GeneratedKind, seed: int) -> dict[str, Any]:
         "by_robot": kind.by_robot,
         "blind": kind.blind,
         "uncounted": kind.disturbance.uncounted,
+        "pair": kind.disturbance.pair,
         "growth_n": float(growth.max()),
         "beyond_robot_n": float((growth - by_ways).max()),
         "peak_tension_n": float(tension.max()),
