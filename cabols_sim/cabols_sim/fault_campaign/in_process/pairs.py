@@ -14,21 +14,22 @@ GAPS_S = (0.0, 0.005, 0.05, 0.3)
 """Times from the first to the second, of which one is drawn [s]."""
 ALONE = ("amplifier delivers all", "amplifier offset, larger")
 """What has a bound of its own already, and goes beyond it with a second fault of its limb."""
+CONTROLLERS = ("current", "tension", "wrench felt", "wrong ")
+"""How the names of wrong controllers begin."""
 
 
-def two_of(singles: Sequence[Disturbance], wrong: Sequence[Disturbance]) -> Disturbance:
+def two_of(singles: Sequence[Disturbance]) -> Disturbance:
     """Return the disturbance that draws two others.
 
-    An amplifier that drives by itself is not drawn with a wrong controller: where it gives no
-    current against its motor, and the controller winds in with all there is, nothing but a hardware
-    stop holds the cable (887 N).
+    An amplifier that drives by itself is not drawn with a wrong controller: all are switched off
+    for its sake, and the motors that the controller has wound in coast. Where it gives no current
+    against its motor, nothing but a hardware stop holds the cable (887 N).
 
     Args:
         singles: of which two are drawn.
-        wrong: those among them that are wrong controllers.
     """
     drawn = [way for way in singles if way.name not in ALONE]
-    controllers = {way.name for way in wrong}
+    controllers = {way.name for way in drawn if way.name.startswith(CONTROLLERS)}
 
     def strike(rig: LockstepRig, random: np.random.Generator) -> None:
         while True:
