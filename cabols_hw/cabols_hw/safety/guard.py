@@ -265,15 +265,21 @@ class BridgeGuard:
             lost = fault.name in POSE_LOST
             self._growth.begin(bridge, self.safety.tension_bound, lost)
 
+    def _goes_on(self, fault: BridgeFault) -> bool:
+        """Whether a motor goes beyond its current after a fault that no harder one replaces."""
+        if fault.reaction != Reaction.CUT:
+            return False
+        drives = self.safety.driving
+        if fault.name != FaultName.MOTION:
+            # What an encoder tells that is not believed is no reason.
+            drives = drives & ~self._doubted
+        return bool(drives.any())
+
     def _recover(self, now_s: float, bridge: Bridge) -> None:
         """Take the reaction's next step."""
         speed = self.safety.braking_speed(self._doubted)
         fault = self.fault
-        drives = self.safety.driving
-        if fault is not None and fault.name != FaultName.MOTION:
-            # What an encoder tells that is not believed is no reason. A softer fault is replaced.
-            drives = drives & ~self._doubted & (fault.reaction == Reaction.CUT)
-        if drives.any() or self.safety.drives_unseen:
+        if self.safety.drives_unseen or (fault is not None and self._goes_on(fault)):
             self._rest_all()
         dt_s, self._last_s = now_s - self._last_s, now_s
         grows = self._growth.grows(dt_s, bridge, self.safety.tension_bound)
