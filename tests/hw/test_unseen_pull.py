@@ -32,9 +32,7 @@ def found(force, wound=None, tension=None, noise=0.03):
     tensions = np.full(CABLES, 30.0)
     for k in range(TIMES.size):
         pulls = tensions if tension is None else tension[k]
-        wrench = (
-            MATRIX @ tensions + force[k] + noise * random.normal(size=6) * [1, 1, 1, 0.2, 0.2, 0.2]
-        )
+        wrench = MATRIX @ tensions + force[k] + noise * SENSES * random.normal(size=6)
         length = np.zeros(CABLES) if wound is None else wound[k]
         limb = watch.note(wrench, pulls, MATRIX, np.eye(3), length, COUNT_M)
         if limb >= 0:

@@ -304,9 +304,10 @@ async def _pump(
         while piece := await process.stdout.read(LONGEST_LINE):
             *lines, rest = (rest + piece).split(b"\n")
             if lines and shown:
-                # The end of a long line; nothing but its newline may be left.
-                lines = lines[1:] if not lines[0] else lines
+                # The end of a long line, of which nothing but the newline may be left.
                 shown = False
+                if not lines[0]:
+                    del lines[0]
             if len(rest) >= LONGEST_LINE:
                 lines, rest, shown = [*lines, rest], b"", True
             for line in lines:

@@ -220,6 +220,8 @@ def _commission(
     arguments: argparse.Namespace,
     results: dict[int, LimbResult],
 ) -> int:
+    control = rig_file("control.yaml", arguments.control_file, arguments.rig)
+    control_text = control.read_text(encoding="utf-8")
     for limb in limbs:
         tool.say(f"{limb_name(limb)} of {rig.geometry.cables}")
         done, result = tool.run(
@@ -234,9 +236,7 @@ def _commission(
             return fail(f"{limb_name(limb)}: {result.message}", FAILED)
         results[limb] = result
         # After each limb, so that an interruption keeps the results so far.
-        control = rig_file("control.yaml", arguments.control_file, arguments.rig)
-        text = control.read_text(encoding="utf-8")
-        write_results(arguments.output, rig, results, arguments.backlash, text)
+        write_results(arguments.output, rig, results, arguments.backlash, control_text)
         tool.draw(result, arguments.output)
         save(draw_overview(rig, results), arguments.output / "overview.png")
     return DONE

@@ -90,10 +90,6 @@ POSE_LOST: frozenset[FaultName] = frozenset(
     {FaultName.POSE, FaultName.POSE_SPEED, FaultName.POSE_AGE}
 )
 """Faults after which the platform may move without a pose: the limbs give way by their switches."""
-SENSOR_LOST: frozenset[FaultName] = frozenset(
-    {FaultName.SENSOR_INVALID, FaultName.SENSOR_SATURATED, FaultName.SENSOR_FLAT}
-)
-"""Faults after which the force/torque sensor tells nothing of a recovery."""
 NOT_HELD = (
     "nothing but the cables holds the platform (platform_held of safety.yaml): it would fall with "
     "the amplifiers off, so that nothing moves. Let a robot or a stand hold it and set "

@@ -21,7 +21,6 @@ from cabols_hw.safety.faults import (
     FOLLOWED,
     NOT_HELD,
     POSE_LOST,
-    SENSOR_LOST,
     BridgeFault,
     Reaction,
 )
@@ -251,8 +250,9 @@ class BridgeGuard:
         self._doubted[:] = self.safety.doubtful
         if fault.name == FaultName.ENCODER:
             self._doubted[fault.limb] = True
-        drives = self.safety.drives_unseen or self.safety.driving.any()
-        sound = fault.name in BRAKED and not (fault.name == FaultName.MOTION and drives)
+        sound = fault.name in BRAKED
+        if fault.name == FaultName.MOTION:
+            sound = not (self.safety.drives_unseen or self.safety.driving.any())
         # A robot that may move goes on for a while, and a switch needs neither pose nor sensor.
         follows = self.safety.robot_moves(now_s, mode) and sound
         follows = follows and (self._unloads or fault.name in FOLLOWED)
@@ -261,9 +261,10 @@ class BridgeGuard:
             self._trusted &= ~self._doubted
         if sound:
             self.braking.begin(now_s, fault.name == FaultName.WRENCH)
-        if fault.name not in SENSOR_LOST:
-            lost = fault.name in POSE_LOST
-            self._growth.begin(bridge, self.safety.tension_bound, lost)
+        if fault.name in DOUBTING:
+            # After others motors do as they are told: what the sensor does not feel may be its own
+            # fault, or without zeros a cable that pulls before its bound says so.
+            self._growth.begin(bridge, self.safety.tension_bound)
 
     def _goes_on(self, fault: BridgeFault) -> bool:
         """Whether a motor goes beyond its current after a fault that no harder one replaces."""
@@ -282,10 +283,7 @@ class BridgeGuard:
         if self.safety.drives_unseen or (fault is not None and self._goes_on(fault)):
             self._rest_all()
         dt_s, self._last_s = now_s - self._last_s, now_s
-        grows = self._growth.grows(dt_s, bridge, self.safety.tension_bound)
-        # While all motors do as they are told they are under control: it is the sensor that has
-        # stopped, or without zeros a cable that pulls before its bound says so.
-        if grows and fault is not None and fault.name in DOUBTING:
+        if self._growth.grows(dt_s, bridge, self.safety.tension_bound):
             # Neither encoders nor currents tell it: nothing that the bridge does may go on.
             self._rest_all()
         braked = self.braking.active

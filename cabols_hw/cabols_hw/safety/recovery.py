@@ -10,8 +10,6 @@ from cabols_hw.bridge.bridge import Bridge
 
 GROWTH_N, GROWTH_NM = 15.0, 2.5
 """By how much force and torque may exceed what the estimates explain, since the recovery began."""
-LOST_N, LOST_NM = 40.0, 6.0
-"""The same beyond what they were when it began, where no pose tells the estimates."""
 TIME_S = 0.005
 """For how long [s]."""
 
@@ -28,19 +26,17 @@ class RecoveryWatch:
         """Watch nothing."""
         self._felt: FloatArray | None = None
         self._expected = np.zeros(6)
-        self._lost = False
         self._beyond_s = 0.0
 
-    def begin(self, bridge: Bridge, tension: FloatArray, lost: bool) -> None:
+    def begin(self, bridge: Bridge, tension: FloatArray) -> None:
         """Note what is felt and expected now.
 
         Args:
             bridge: with the sample's values.
             tension: (n,) the most that each limb can pull by all that is known of it [N].
-            lost: whether the pose is no longer known.
         """
         self._felt, self._expected = _felt(bridge), _expected(bridge, tension)
-        self._lost, self._beyond_s = lost, 0.0
+        self._beyond_s = 0.0
 
     def end(self) -> None:
         """Watch nothing any more."""
@@ -57,11 +53,10 @@ class RecoveryWatch:
         if self._felt is None:
             return False
         load = self._expected + _felt(bridge) - self._felt
-        explained = self._expected if self._lost else _expected(bridge, tension)
+        explained = _expected(bridge, tension)
         force = np.linalg.norm(load[:3]) - np.linalg.norm(explained[:3])
         torque = np.linalg.norm(load[3:]) - np.linalg.norm(explained[3:])
-        most, most_torque = (LOST_N, LOST_NM) if self._lost else (GROWTH_N, GROWTH_NM)
-        beyond = force > most or torque > most_torque
+        beyond = force > GROWTH_N or torque > GROWTH_NM
         self._beyond_s = self._beyond_s + dt_s if beyond else 0.0
         return self._beyond_s > TIME_S
 

@@ -193,6 +193,17 @@ BROKEN = (
     Disturbance("pose drifts", pose("drifts"), LATE_S, frozenset({"started"})),
     Disturbance("pose not a number", pose("no number"), SENSOR_S),
     Disturbance("pose and sensor frozen", pose_and_sensor, SENSOR_S),
+    Disturbance("limb controller dead", limbs_dead, SOON_S),
+    Disturbance("wrench controller dead", wrench_dead, LATE_S, FREE | SLACK | RESTS),
+    Disturbance("robot's bridge dead", robot_bridge_dead, SENSOR_S),
+    Disturbance("supervisor dead", supervisor_dead, LATE_S, EVERY),
+    Disturbance("samples missing", no_samples, SOON_S + 0.06),
+)
+"""What breaks by itself, and processes that end."""
+
+STOPPED = OperatingMode.STOPPED
+PRETIGHTENING, FREE_MOVING = OperatingMode.PRETIGHTENING, OperatingMode.FREE_MOVING
+WRONG = (
     Disturbance("wrong current, one limb", wrong_current("one"), LATE_S),
     Disturbance("wrong current, all limbs", wrong_current("all"), LATE_S),
     Disturbance("currents reversed", wrong_current("reversed"), LATE_S),
@@ -201,17 +212,6 @@ BROKEN = (
     Disturbance(
         "wrong tension, all limbs", wrong_tension(140.0, True), LATE_S, FREE | SLACK | RESTS
     ),
-    Disturbance("limb controller dead", limbs_dead, SOON_S),
-    Disturbance("wrench controller dead", wrench_dead, LATE_S, FREE | SLACK | RESTS),
-    Disturbance("robot's bridge dead", robot_bridge_dead, SENSOR_S),
-    Disturbance("supervisor dead", supervisor_dead, LATE_S, EVERY),
-    Disturbance("samples missing", no_samples, SOON_S + 0.06),
-)
-"""What breaks by itself, and controllers and processes that end."""
-
-STOPPED = OperatingMode.STOPPED
-PRETIGHTENING, FREE_MOVING = OperatingMode.PRETIGHTENING, OperatingMode.FREE_MOVING
-WRONG = (
     Disturbance("currents noisy", currents(noisy(0.2, 2.0)), LATE_S, EVERY),
     Disturbance("currents late", currents(late(5, 40)), LATE_S, EVERY),
     Disturbance("currents stuck", currents(stuck), LATE_S, EVERY),

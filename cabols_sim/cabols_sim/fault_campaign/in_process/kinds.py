@@ -17,7 +17,7 @@ from cabols_sim.fault_campaign.in_process.pairs import two_of
 from cabols_sim.fault_campaign.in_process.strikes import miswired
 
 SINGLES = (*BROKEN, *WRONG, *SIGNALS)
-DISTURBANCES = (*SINGLES, *JOINT, two_of(SINGLES))
+DISTURBANCES = (*SINGLES, *JOINT, two_of(SINGLES, WRONG))
 """Every way; each meets each state below."""
 
 MOVED = {

@@ -14,11 +14,9 @@ GAPS_S = (0.0, 0.005, 0.05, 0.3)
 """Times from the first to the second, of which one is drawn [s]."""
 ALONE = ("amplifier delivers all", "amplifier offset, larger")
 """What has a bound of its own already, and goes beyond it with a second fault of its limb."""
-CONTROLLERS = ("current", "tension", "wrench felt", "wrong ")
-"""How the names of wrong controllers begin."""
 
 
-def two_of(singles: Sequence[Disturbance]) -> Disturbance:
+def two_of(singles: Sequence[Disturbance], wrong: Sequence[Disturbance]) -> Disturbance:
     """Return the disturbance that draws two others.
 
     An amplifier that drives by itself is not drawn with a wrong controller: all are switched off
@@ -27,9 +25,10 @@ def two_of(singles: Sequence[Disturbance]) -> Disturbance:
 
     Args:
         singles: of which two are drawn.
+        wrong: controllers among them that go wrong.
     """
     drawn = [way for way in singles if way.name not in ALONE]
-    controllers = {way.name for way in drawn if way.name.startswith(CONTROLLERS)}
+    controllers = {way.name for way in wrong}
 
     def strike(rig: LockstepRig, random: np.random.Generator) -> None:
         while True:
