@@ -21,13 +21,13 @@ from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from cabols_control.bringup.free_domains import claim_domain
 from cabols_control.bringup.processes import executable_path
 from cabols_control.console.server import BEHIND, UNKNOWN_PAGE
 from cabols_control.ros.live import live_name
 from cabols_control.ros.messages import topics
 from cabols_control.ros.messages.qos import control_qos, latched_qos, status_qos
 from console_harness import free_port
-from dds_domains import next_domain
 
 pytestmark = [pytest.mark.ros]
 
@@ -37,7 +37,7 @@ PATIENCE_S = 300.0
 
 @pytest.fixture
 def domain():
-    return next_domain()
+    return claim_domain()
 
 
 @pytest.fixture

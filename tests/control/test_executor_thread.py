@@ -10,11 +10,11 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
+from cabols_control.bringup.free_domains import claim_domain
 from cabols_control.ros.node import FAULT, RUNNING, Status
 from cabols_control.ros.threads.executor_thread import hand_over
 from cabols_control.supervision.faults import Fault, FaultName
 from cabols_control.topics import NAMESPACE
-from dds_domains import next_domain
 
 pytestmark = [pytest.mark.ros]
 
@@ -22,7 +22,7 @@ pytestmark = [pytest.mark.ros]
 @pytest.fixture
 def node():
     context = Context()
-    rclpy.init(context=context, domain_id=next_domain())
+    rclpy.init(context=context, domain_id=claim_domain())
     found = rclpy.create_node("loop", namespace=NAMESPACE, context=context)
     yield found
     found.destroy_node()

@@ -19,10 +19,10 @@ import rclpy
 from cabols_msgs.msg import LoopStatus
 from rclpy.serialization import deserialize_message
 
+from cabols_control.bringup.free_domains import claim_domain
 from cabols_control.ros.messages import topics
 from cabols_control.ros.messages.topics import message_type
 from cabols_control.topics import TOPICS
-from dds_domains import next_domain
 from fed_nodes import Feeder
 from hostile_messages import hostile, numbers_of
 
@@ -242,7 +242,7 @@ def context(request, tmp_path):
     if name == "recorder":
         words.append(f"output:={tmp_path / 'bag'}")
     rclpy.init(
-        args=["--ros-args", *(w for word in words for w in ("-p", word))], domain_id=next_domain()
+        args=["--ros-args", *(w for word in words for w in ("-p", word))], domain_id=claim_domain()
     )
     yield
     rclpy.shutdown()

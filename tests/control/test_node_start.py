@@ -12,11 +12,11 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
+from cabols_control.bringup.free_domains import claim_domain
 from cabols_control.errors import ConfigError
 from cabols_control.ros import node as control_node
 from cabols_control.ros.lifetime import slow_start
 from cabols_control.ros.lifetime.own_time import keep_own_time
-from dds_domains import next_domain
 
 pytestmark = [pytest.mark.ros]
 
@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.ros]
 @pytest.fixture
 def make():
     context = Context()
-    rclpy.init(context=context, domain_id=next_domain())
+    rclpy.init(context=context, domain_id=claim_domain())
     made = []
 
     def node(**parameters):

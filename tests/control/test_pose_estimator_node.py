@@ -12,12 +12,12 @@ import rclpy
 from cabols_msgs.msg import PoseAgreement
 
 from agreement_rig import AgreementRig
-from dds_domains import next_domain
+from cabols_control.bringup.free_domains import claim_domain
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _context():
-    rclpy.init(args=["--ros-args", "-p", "robot:=true"], domain_id=next_domain())
+    rclpy.init(args=["--ros-args", "-p", "robot:=true"], domain_id=claim_domain())
     yield
     rclpy.shutdown()
 

@@ -31,13 +31,13 @@ from cabols_control.bags.errors import BagError
 from cabols_control.bags.reader import read_bag
 from cabols_control.bags.recover import recover
 from cabols_control.bags.storage.salvage import Salvage
+from cabols_control.bringup.free_domains import claim_domain
 from cabols_control.geometry import load_geometry
 from cabols_control.nodes.recorder import lack_of_space
 from cabols_control.realtime.scheduling import may_use_fifo
 from cabols_control.ros.messages import topics
 from cabols_control.ros.messages.qos import control_qos, latched_qos, status_qos
 from cabols_control.topics import NAMESPACE, RECORDED
-from dds_domains import next_domain
 from stalls import Stalls
 
 pytestmark = [pytest.mark.ros]
@@ -52,7 +52,7 @@ PATIENCE_S = 180.0
 @pytest.fixture
 def domain():
     """One for each test: a recorder that was killed haunts its domain for 20 s."""
-    return next_domain()
+    return claim_domain()
 
 
 @pytest.fixture

@@ -198,11 +198,11 @@ class Graph:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
 
+        from cabols_control.bringup.free_domains import claim_domain
         from cabols_control.ros.messages import topics
         from cabols_control.ros.messages.qos import topic_qos
-        from dds_domains import next_domain
 
-        domain = next_domain()
+        domain = claim_domain()
         environment = dict(os.environ, ROS_DOMAIN_ID=str(domain))
         environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         folder = Path(sys.prefix) / "lib" / "cabols_control"

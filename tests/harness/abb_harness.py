@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from cabols_control.bringup.free_domains import claim_domain
 from cabols_hw.abb.configurations import load_configurations
 from cabols_sim.bench.run import ports_of
 from cabols_sim.devices.abb.controller import AbbController
@@ -17,7 +18,6 @@ from cabols_sim.devices.robot.coupling import RobotCoupling
 from cabols_sim.devices.robot.robot_config import RobotConfig
 from cabols_sim.devices.robot.robot_target import RobotTarget
 from cabols_sim.devices.ur.controller import UrController
-from dds_domains import next_domain
 
 STIFFNESS = [966398.0, 731208.0, 317900.0, 13277.0, 7744.0, 2141.0]
 QUICK = RobotConfig(STIFFNESS, speed=0.25, joint_speed=3.0, joint_acceleration=50.0)
@@ -102,4 +102,4 @@ def quiet_port() -> int:
 
     One that the kernel finds free is given to the next process that asks, before it is used.
     """
-    return ports_of(next_domain()).egm
+    return ports_of(claim_domain()).egm

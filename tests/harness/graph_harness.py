@@ -14,13 +14,13 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
+from cabols_control.bringup.free_domains import claim_domain
 from cabols_control.bringup.processes import Ended
 from cabols_control.bringup.specs import ONE_BLAS_THREAD
 from cabols_control.ros.messages import topics
 from cabols_control.ros.messages.qos import topic_qos
 from cabols_control.topics import Quality, topic_row
 from cabols_sim.bench.run import run_bench
-from dds_domains import next_domain
 
 PATIENCE_S = 180.0
 """Longest wait for anything: it bounds a test that hangs, and judges no pace."""
@@ -31,7 +31,7 @@ ASK_AGAIN_S = 10.0
 def next_environment() -> dict[str, str]:
     """A DDS domain that no other test uses."""
     return {
-        "ROS_DOMAIN_ID": str(next_domain()),
+        "ROS_DOMAIN_ID": str(claim_domain()),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         **ONE_BLAS_THREAD,
     }

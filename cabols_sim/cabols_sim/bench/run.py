@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import random
 import socket
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -12,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cabols_control.bringup.free_domains import claim_domain
 from cabols_control.bringup.graph import PARTS
 from cabols_control.bringup.network_names import DOMAIN, domain_id
 from cabols_control.bringup.processes import GRACE_S, Ended, run
@@ -24,8 +24,6 @@ from cabols_sim.bringup_nodes import LOCKSTEP_WATCH_S, Ports, bench_graph
 LONGEST_S = 10.0
 """Most that any of the time-outs below may be [s]."""
 MAX_PORT = 65535
-SAFE_DOMAINS = (1, 101)
-"""Domain ids whose ports do not reach into Linux' ephemeral range."""
 
 
 def isolated_environment() -> dict[str, str]:
@@ -37,7 +35,7 @@ def isolated_environment() -> dict[str, str]:
         ConfigError: if it is no domain.
     """
     given = os.environ.get(DOMAIN, "") and domain_id(os.environ)
-    domain = str(given) or str(random.SystemRandom().randint(*SAFE_DOMAINS))
+    domain = str(given) or str(claim_domain())
     return {
         DOMAIN: domain,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
