@@ -212,6 +212,20 @@ def test_a_slow_limb_law_is_the_softwares_on_the_busiest_computer():
     assert [c.quantity for c in failures(slow)] == ["work of a limb controller's cycle, median"]
 
 
+def test_what_a_slow_limb_law_loses_is_not_the_computers_though_it_starves_the_timers():
+    """As seen on two cores, with a busy loop on one of them."""
+    slow = summary(
+        limb_work_median_s=1.2e-3,
+        late_cycles_percent=26.4,
+        lost_cycles_percent=29.5,
+        timer_late_percent=35.1,
+        timer_lost_percent=34.7,
+    )
+    blamed = {check.quantity for check in failures(slow)}
+    assert blamed == {"late cycles", "lost cycles", "work of a limb controller's cycle, median"}
+    assert not by_computer(slow)
+
+
 def test_figures_of_the_rig_are_never_the_computers():
     bad = summary(overshoot_percent=9.0, timer_late_percent=50.0, timer_lost_percent=50.0)
     assert [c.quantity for c in failures(bad)] == ["overshoot"]
